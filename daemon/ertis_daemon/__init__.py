@@ -1,0 +1,1 @@
+"""The sensor daemon: configuration, service loop, events, publishing, command line."""

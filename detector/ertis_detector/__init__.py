@@ -1,0 +1,1 @@
+"""Landmark detection: audio in, detections out. Knows no device and no network."""

@@ -1,0 +1,49 @@
+"""What the detector says of one landmark in one ping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+NONE, UNKNOWN = "none", "unknown"
+
+
+def radius_m(label: str) -> float | None:
+    """Aperture radius that a label such as ``r48`` names, m; None for ``none`` and ``unknown``.
+
+    >>> radius_m("r48")
+    0.048
+    """
+    if label.startswith("r") and label[1:].isdigit():
+        return int(label[1:]) / 1000.0
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """One landmark heard in one ping.
+
+    label : str
+        The most probable class, ``r35 r48 r58 r70`` (aperture radius in mm).
+    probabilities : mapping label -> probability
+        Over all classes of the model, ``none`` and ``unknown`` included; they sum to 1.
+    range_m, azimuth_rad, elevation_rad : float
+        Of the dish's vertex, seen from the centre of the microphone array; + left, + up.
+    covariance : 3 x 3 nested tuples
+        Of (range, azimuth, elevation); m2, m rad, rad2.
+    snr_db : float
+        Peak of the energyscape over its noise floor, dB.
+    """
+
+    label: str
+    probabilities: Mapping[str, float]
+    range_m: float
+    azimuth_rad: float
+    elevation_rad: float
+    covariance: tuple[tuple[float, float, float], ...]
+    snr_db: float
+
+    @property
+    def radius_m(self) -> float | None:
+        """Aperture radius of the landmark, m."""
+        return radius_m(self.label)

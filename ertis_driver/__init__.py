@@ -1,0 +1,1 @@
+"""Driver for the eRTIS in-air sonar: frames, audio, chirps, devices, recordings."""

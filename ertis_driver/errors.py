@@ -1,0 +1,61 @@
+"""The error tree. A name says what to do next; a message says what was met and what was expected."""
+
+
+class ErtisError(Exception):
+    """Anything this project reports to its user in one line."""
+
+
+class AddressError(ErtisError):
+    """A device address is malformed or of an unknown kind: correct it."""
+
+
+class SettingsError(ErtisError, ValueError):
+    """A setting lies outside what the device accepts: choose another value."""
+
+
+class DeviceError(ErtisError):
+    """The sonar or the way to it failed."""
+
+
+class DeviceNotFound(DeviceError):
+    """No such device: look at cable, port name and udev rule."""
+
+
+class DevicePermission(DeviceError):
+    """The port exists but may not be opened: install the udev rule or join its group."""
+
+
+class DeviceBusy(DeviceError):
+    """Another process holds the port: end it."""
+
+
+class DeviceTimeout(DeviceError):
+    """No answer, or not all of it, in time: ping again; if it stays silent it is no eRTIS."""
+
+
+class WrongDevice(DeviceError):
+    """Something answers on the port, but not as an eRTIS does: name another port."""
+
+
+class DeviceLost(DeviceError):
+    """The device went away while open: reopen it."""
+
+
+class FrameCorrupt(DeviceError):
+    """The frame of this ping is damaged and was dropped: ping again."""
+
+
+class DeviceUnsupported(DeviceError):
+    """The firmware declined a request (external trigger, amplifier): do without it."""
+
+
+class NotConfigured(DeviceError):
+    """The device holds no (or no complete) settings: call ``configure`` first."""
+
+
+class RecordingError(ErtisError):
+    """A recording cannot be read: foreign, truncated or damaged."""
+
+
+class EndOfRecording(ErtisError):
+    """A replay has played its last ping."""

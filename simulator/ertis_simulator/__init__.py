@@ -1,0 +1,1 @@
+"""A simulated acoustic world that makes PDM frames as an eRTIS would."""
