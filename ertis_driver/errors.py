@@ -1,4 +1,4 @@
-"""The error tree. A name says what to do next; a message says what was met and what was expected."""
+"""The error tree: a name says what to do next, a message what was met and expected."""
 
 
 class ErtisError(Exception):
