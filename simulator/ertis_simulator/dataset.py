@@ -1,0 +1,87 @@
+"""Random scenes for training: rooms, clutter, landmarks, decoys; all drawn from one seed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ertis_simulator.air import Air
+from ertis_simulator.clutter import Clutter
+from ertis_simulator.landmark import RADII_MM, Dish
+from ertis_simulator.room import Room
+from ertis_simulator.scene import DishObject, Pose, Scene
+
+# The paper's span of rooms, open lab to packed garage: clusters of clutter a square metre.
+CLUTTER_PER_M2 = (0.3, 6.0)
+RANGE_M = (0.7, 4.5)
+MAX_AZIMUTH_RAD = np.deg2rad(35.0)
+WALL_GAP_M = 0.2
+MAX_TURN_RAD = np.deg2rad(45.0)  # of a dish away from the sonar
+
+
+def random_scene(seed: int, number: int) -> Scene:
+    """Scene ``number`` of the data set that ``seed`` names.
+
+    Three in four hold one to three landmarks; decoys (bowls of other shapes) stand in half.
+    """
+    rng = np.random.default_rng([seed, number])
+    ahead, behind = rng.uniform(3.0, 7.0), rng.uniform(0.5, 3.0)
+    left, right = rng.uniform(1.2, 4.0, 2)
+    room = Room(
+        (-behind, ahead),
+        (-right, left),
+        wall_reflection=rng.uniform(0.4, 0.95),
+        floor_reflection=rng.uniform(0.3, 0.9),
+        wall_roughness_m=rng.uniform(0.1e-3, 1.0e-3),
+        floor_roughness_m=rng.uniform(0.2e-3, 1.5e-3),
+    )
+    height = rng.uniform(0.3, 1.2)
+    dishes: list[DishObject] = []
+    if rng.random() < 0.75:
+        for _ in range(rng.integers(1, 4)):
+            radius_mm = int(rng.choice(RADII_MM))
+            dish = Dish.landmark(radius_mm)
+            dishes.append(_stand(f"r{radius_mm}", dish, True, height, room, rng))
+    if rng.random() < 0.5:
+        for _ in range(rng.integers(1, 3)):
+            aperture = rng.uniform(0.02, 0.12)
+            dish = Dish(aperture, aperture * rng.uniform(0.2, 1.0))
+            if abs(dish.depth_m / aperture - 0.6) < 0.1:  # a landmark by another name
+                continue
+            dishes.append(_stand("bowl", dish, False, height, room, rng))
+    return Scene(
+        room=room,
+        start=Pose((0.0, 0.0, height), rng.uniform(-0.3, 0.3)),
+        dishes=tuple(dishes),
+        clutter=Clutter.scatter(room.x_m, room.y_m, float(rng.uniform(*CLUTTER_PER_M2)), rng),
+        air=Air(rng.uniform(5.0, 35.0), rng.uniform(20.0, 90.0)),
+        seed=int(rng.integers(2**31)),
+        name=f"random {seed}/{number}",
+    )
+
+
+def _stand(
+    label: str,
+    dish: Dish,
+    is_landmark: bool,
+    height_m: float,
+    room: Room,
+    rng: np.random.Generator,
+) -> DishObject:
+    """A dish in front of the sonar (at the origin), turned somewhat away from it."""
+    while True:
+        distance = rng.uniform(*RANGE_M)
+        azimuth = rng.uniform(-MAX_AZIMUTH_RAD, MAX_AZIMUTH_RAD)
+        x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
+        if (
+            x < room.x_m[1] - WALL_GAP_M
+            and room.y_m[0] < y - WALL_GAP_M < y + WALL_GAP_M < room.y_m[1]
+        ):
+            break
+    turn = rng.triangular(-MAX_TURN_RAD, 0.0, MAX_TURN_RAD)
+    vertex = (
+        float(x),
+        float(y),
+        float(height_m + rng.normal(0, 0.06)),
+    )
+    facing = (float(azimuth + np.pi + turn), float(rng.normal(0, np.deg2rad(4.0))))
+    return DishObject(label, dish, vertex, facing, is_landmark)

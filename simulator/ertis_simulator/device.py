@@ -1,0 +1,132 @@
+"""A scene as a device: directly (``sim:``), or as what a firmware emulator plays."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import numpy.typing as npt
+from typing_extensions import Self
+
+from ertis_driver.chirp import DAC_IDLE_CODE
+from ertis_driver.device import DeviceInfo, Settings
+from ertis_driver.emulator import PingRequest
+from ertis_driver.errors import NotConfigured
+from ertis_driver.frame import AUDIO_RATE_HZ, PdmFrame
+from ertis_simulator.scene import Scene
+from ertis_simulator.scene_file import load_scene
+
+
+class SimulatedSonar:
+    """A sonar in a scene. Pings as fast as they can be computed, never faster than a real one."""
+
+    is_live = False
+
+    def __init__(self, scene: Scene, address: str = "sim:") -> None:
+        self._scene = scene
+        self._settings: Settings | None = None
+        self._index = 0
+        self._ready_at = 0.0
+        self.info = DeviceInfo(address, "sim")
+
+    @property
+    def settings(self) -> Settings | None:
+        """What it is configured to do; None before ``configure``."""
+        return self._settings
+
+    def configure(self, settings: Settings) -> None:
+        """Take the settings; nothing can fail."""
+        self._settings = settings
+
+    def truth(self) -> dict[str, object]:
+        """What the latest ping could hear of."""
+        return self._scene.truth(max(self._index - 1, 0))
+
+    def ping(self, *, active: bool = True) -> PdmFrame:
+        """The next ping of the scene.
+
+        Raises
+        ------
+        NotConfigured
+        """
+        if self._settings is None:
+            raise NotConfigured("simulated sonar: configure it before the first ping")
+        listening_s = self._settings.num_words / 4_500_000
+        time.sleep(max(self._ready_at - time.monotonic(), 0.0))
+        self._ready_at = time.monotonic() + listening_s
+        started_ns = time.time_ns()
+        chirp = self._settings.chirp.samples(AUDIO_RATE_HZ) if active else None
+        words = self._scene.hear(self._index, self._settings.num_words, chirp)
+        frame = PdmFrame(words, self._index, started_ns, 0, active)
+        self._index += 1
+        return frame
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def open_sim(path: str) -> SimulatedSonar:
+    """``sim:SCENE.yaml``.
+
+    Raises
+    ------
+    SceneError
+    """
+    return SimulatedSonar(load_scene(Path(path)), f"sim:{path}")
+
+
+class SceneFrames:
+    """Frame source of the firmware emulator: emits exactly the DAC codes it was given.
+
+    Parameters
+    ----------
+    scene : Scene
+    truth_path : Path or None
+        Gets one JSON line a ping: what was there.
+    """
+
+    def __init__(self, scene: Scene, truth_path: Path | None = None) -> None:
+        self._scene = scene
+        self._truth_path = truth_path
+
+    def next_frame(self, request: PingRequest) -> npt.NDArray[np.uint32]:
+        """Words of one ping."""
+        chirp = played(request.dac_codes, request.dac_rate_hz) if request.active else None
+        words = self._scene.hear(request.index, request.num_words, chirp)
+        if self._truth_path is not None:
+            with self._truth_path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(self._scene.truth(request.index)) + "\n")
+        return words
+
+
+def played(codes: npt.NDArray[np.uint16], rate_hz: int) -> npt.NDArray[np.float64]:
+    """What DAC codes sound like, in [-1, 1] at 450 kHz."""
+    samples = (codes.astype(np.float64) - DAC_IDLE_CODE) / 2047
+    if rate_hz == AUDIO_RATE_HZ:
+        return np.asarray(samples)
+    times = np.arange(int(codes.size * AUDIO_RATE_HZ / rate_hz)) / AUDIO_RATE_HZ
+    return np.interp(times, np.arange(codes.size) / rate_hz, samples)
+
+
+def scene_frame_source(path: Path, truth_path: Path | None = None) -> SceneFrames:
+    """Frame source of a scene file.
+
+    Raises
+    ------
+    SceneError
+    """
+    return SceneFrames(load_scene(path), truth_path)

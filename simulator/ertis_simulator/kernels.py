@@ -1,0 +1,96 @@
+"""The two inner loops that numpy cannot vectorise: placing echoes, and the sigma-delta loop."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+KERNEL_TAPS = 20
+
+
+@numba.njit(cache=True, nogil=True)
+def place_echoes(
+    trains: npt.NDArray[np.complex64],
+    delays: npt.NDArray[np.float64],
+    weights: npt.NDArray[np.complex64],
+    table: npt.NDArray[np.float32],
+) -> None:
+    """Add band-limited impulses to ``trains``.
+
+    trains : complex64, shape (num_mics, num_basis, length)
+    delays : float64, shape (num_echoes, num_mics), in samples
+    weights : complex64, shape (num_echoes, num_mics, num_basis)
+    table : float32, shape (num_fractions + 1, KERNEL_TAPS), rows over the fractional delay
+    """
+    num_echoes, num_mics = delays.shape
+    length = trains.shape[2]
+    fractions = table.shape[0] - 1
+    for mic in range(num_mics):
+        for echo in range(num_echoes):
+            whole = int(np.floor(delays[echo, mic]))
+            row = int((delays[echo, mic] - whole) * fractions + 0.5)
+            first = whole - KERNEL_TAPS // 2 + 1
+            if first < 0 or first + KERNEL_TAPS > length:
+                continue
+            for basis in range(trains.shape[1]):
+                weight = weights[echo, mic, basis]
+                for tap in range(KERNEL_TAPS):
+                    trains[mic, basis, first + tap] += weight * table[row, tap]
+
+
+@numba.njit(cache=True, nogil=True)
+def sigma_delta(
+    audio: npt.NDArray[np.float32],
+    phases: npt.NDArray[np.float32],
+    forward: npt.NDArray[np.float32],
+    feedback: npt.NDArray[np.float32],
+    state: npt.NDArray[np.float32],
+    words: npt.NDArray[np.uint32],
+) -> None:
+    """Interpolate audio by ``len(phases)`` and turn it into PDM bits, error feedback form.
+
+    audio : float32, shape (num_samples + taps - 1, 32), padded in front
+    phases : float32, shape (10, taps), the interpolation filter
+    forward, feedback : float32, shape (4,); w[n] = forward . e[n-i] - feedback . w[n-i]
+    state : float32, shape (8, 32): four past errors, four past w
+    words : uint32, shape (num_samples * 10,), written
+    """
+    num_phases, taps = phases.shape
+    lanes = audio.shape[1]
+    drive = np.empty(lanes, np.float32)
+    for sample in range(words.size // num_phases):
+        for phase in range(num_phases):
+            for m in range(lanes):
+                drive[m] = np.float32(0)
+            for tap in range(taps):
+                gain = phases[phase, tap]
+                for m in range(lanes):
+                    drive[m] += gain * audio[sample + tap, m]
+            word = np.uint32(0)
+            for m in range(lanes):
+                w = (
+                    forward[0] * state[0, m]
+                    + forward[1] * state[1, m]
+                    + forward[2] * state[2, m]
+                    + forward[3] * state[3, m]
+                    - feedback[0] * state[4, m]
+                    - feedback[1] * state[5, m]
+                    - feedback[2] * state[6, m]
+                    - feedback[3] * state[7, m]
+                )
+                y = drive[m] + w
+                bit = y >= np.float32(0)
+                error = (np.float32(1) if bit else np.float32(-1)) - y
+                # A real modulator's integrators clip: overload ends when the drive does.
+                error = min(max(error, np.float32(-1.5)), np.float32(1.5))
+                state[3, m] = state[2, m]
+                state[2, m] = state[1, m]
+                state[1, m] = state[0, m]
+                state[0, m] = error
+                state[7, m] = state[6, m]
+                state[6, m] = state[5, m]
+                state[5, m] = state[4, m]
+                state[4, m] = w
+                word |= np.uint32(bit) << np.uint32(m)
+            words[sample * num_phases + phase] = word

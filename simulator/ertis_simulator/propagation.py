@@ -1,0 +1,109 @@
+"""Echoes to pressure at the microphones: one band-limited impulse train per smooth spectrum.
+
+Every echo's spectrum (power of k, piston pattern, absorption, roughness) is smooth in frequency, so
+it is a short sum of fixed polynomials. Impulses go into one complex train a polynomial at 150 kHz
+around 62.5 kHz; the chirp and the sensor's response are applied once, to their spectra.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from ertis_driver.frame import AUDIO_RATE_HZ
+from ertis_simulator.air import Air
+from ertis_simulator.echoes import Echoes
+from ertis_simulator.kernels import KERNEL_TAPS, place_echoes
+from ertis_simulator.transducer import AMPLITUDE_AT_1M, piston_pattern, sensor_response
+
+BAND_HZ = (10e3, 115e3)
+_DECIMATION = 3  # 450 to 150 kHz, complex
+_CHIRP_ROOM = 2_048  # audio samples behind the frame for the tails of the last echoes
+_BASIS = 7
+_FRACTIONS = 256
+
+
+@cache
+def _kernel_table() -> npt.NDArray[np.float32]:
+    """Kaiser-windowed sinc at every fractional delay; flat to 90 dB over BAND_HZ."""
+    fraction = np.arange(_FRACTIONS + 1)[:, None] / _FRACTIONS
+    x = np.arange(KERNEL_TAPS) - (KERNEL_TAPS // 2 - 1) - fraction
+    half = KERNEL_TAPS / 2
+    window = np.i0(9.0 * np.sqrt(np.clip(1 - (x / half) ** 2, 0, 1))) / np.i0(9.0)
+    return np.asarray((np.sinc(x) * window).astype(np.float32))
+
+
+def _polynomials(frequency_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Chebyshev polynomials over the band, shape (num_frequencies, _BASIS)."""
+    low, high = BAND_HZ
+    x = (2 * frequency_hz - low - high) / (high - low)
+    return np.asarray(np.polynomial.chebyshev.chebvander(x, _BASIS - 1))
+
+
+def spectra(
+    echoes: Echoes, air: Air, frequency_hz: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Amplitude of each echo over frequency, shape (num_echoes, num_frequencies)."""
+    k = 2 * np.pi * frequency_hz / air.speed_of_sound_m_s
+    attenuation = air.absorption_db_m(frequency_hz) * (np.log(10) / 20)
+    value = k[None, :] ** echoes.exponent[:, None]
+    value = value * np.exp(-attenuation[None, :] * echoes.path_m.mean(axis=1)[:, None])
+    value *= piston_pattern(k[None, :], echoes.sin_emission[:, None])
+    value *= np.exp(-2 * (k[None, :] * echoes.roughness_m[:, None]) ** 2)
+    return np.asarray(value)
+
+
+def render(
+    echoes: Echoes,
+    air: Air,
+    chirp: npt.NDArray[np.float64],
+    num_samples: int,
+    mic_response: npt.NDArray[np.complex64],
+) -> npt.NDArray[np.float32]:
+    """Pressure at the microphones, full scale 1, without noise.
+
+    Parameters
+    ----------
+    echoes : Echoes
+        For ``num_mics`` microphones.
+    air : Air
+    chirp : float64, shape (n,)
+        The emitted sweep at 450 kHz, up to 2048 samples are free of wrap-around.
+    num_samples : int
+        Audio samples wanted.
+    mic_response : complex64, shape (num_mics,)
+
+    Returns
+    -------
+    float32, shape (num_mics, num_samples)
+    """
+    room = max(_CHIRP_ROOM, chirp.size + 64)
+    length = -(-(num_samples + room) // (_DECIMATION * 256)) * 256
+    fft_size = length * _DECIMATION
+    spacing = AUDIO_RATE_HZ / fft_size
+    carrier_bin = round(sum(BAND_HZ) / 2 / spacing)
+    carrier_hz = carrier_bin * spacing
+
+    nodes = np.linspace(*BAND_HZ, 32)
+    coefficients = spectra(echoes, air, nodes) @ np.linalg.pinv(_polynomials(nodes)).T
+    delay_s = echoes.path_m / air.speed_of_sound_m_s
+    turn = np.exp(-2j * np.pi * carrier_hz * delay_s) * (AMPLITUDE_AT_1M * echoes.gain)
+    weights = (turn[:, :, None] * coefficients[:, None, :]).astype(np.complex64)
+    num_mics = echoes.path_m.shape[1]
+    trains = np.zeros((num_mics, _BASIS, length), np.complex64)
+    place_echoes(trains, delay_s * (AUDIO_RATE_HZ / _DECIMATION), weights, _kernel_table())
+
+    first = int(np.ceil(BAND_HZ[0] / spacing))
+    bins = np.arange(first, int(BAND_HZ[1] / spacing) + 1)
+    frequency_hz = np.asarray(bins * spacing, np.float64)
+    heard = scipy.fft.fft(trains, axis=2)[:, :, bins - carrier_bin]
+    emitted = scipy.fft.rfft(chirp, fft_size)[bins] * sensor_response(frequency_hz)
+    shape = (_polynomials(frequency_hz) * emitted[:, None]).astype(np.complex64)
+    # The trains run at a third of the rate, so their spectrum is a third as large.
+    band = np.einsum("mkf,fk->mf", heard, shape) * mic_response[:, None]
+    spectrum = np.zeros((num_mics, fft_size // 2 + 1), np.complex64)
+    spectrum[:, bins] = band
+    return np.asarray(scipy.fft.irfft(spectrum, fft_size, axis=1)[:, :num_samples])
