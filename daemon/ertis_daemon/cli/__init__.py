@@ -1,0 +1,81 @@
+"""The ``ertis`` command. Each subcommand is a module, imported only when it is asked for."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from types import ModuleType
+
+# One ping's arrays are small: threads of BLAS cost more than they give, on a robot above all.
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+# name -> (module, one line of help). A module has add_arguments(parser) and run(args) -> int, and
+# imports what is heavy inside run.
+COMMANDS: dict[str, tuple[str, str]] = {
+    "run": ("ertis_daemon.cli.run", "ping, recognise landmarks and publish them over Zenoh"),
+    "check-config": ("ertis_daemon.cli.check_config", "check a configuration, or print an example"),
+    "monitor": ("ertis_daemon.cli.monitor", "print landmark events as they are published"),
+    "emulate": ("ertis_daemon.cli.emulate", "be an eRTIS on a pseudo-terminal"),
+    "demo": ("ertis_daemon.cli.demo", "see it all work, on a simulated scene"),
+}
+
+# What is reported in one line; an error's module is loaded by the time it is raised.
+_REPORTED = (
+    ("ertis_driver.errors", "ErtisError"),
+    ("ertis_detector.errors", "DetectorError"),
+    ("ertis_simulator.errors", "SimulatorError"),
+)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; returns the exit code.
+
+    0 ok, 1 failed, 2 wrong usage, 130 interrupted by Ctrl-C.
+    """
+    try:
+        args = sys.argv[1:] if argv is None else argv
+        code = _dispatch(args)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone; Python's own flush at exit must not complain about it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except Exception as error:
+        if not _is_reported(error):
+            raise
+        for line in str(error).splitlines() or [type(error).__name__]:
+            print(f"ertis: {line}", file=sys.stderr)
+        return FAILED
+    return code
+
+
+def _dispatch(argv: list[str]) -> int:
+    parser = argparse.ArgumentParser(
+        prog="ertis", description="Landmark recognition with the eRTIS in-air sonar."
+    )
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    wanted = next((word for word in argv if not word.startswith("-")), None)
+    module: ModuleType | None = None
+    for name, (module_name, text) in COMMANDS.items():
+        command = commands.add_parser(name, help=text, description=text)
+        if name == wanted:
+            module = importlib.import_module(module_name)
+            module.add_arguments(command)
+    args = parser.parse_args(argv)
+    assert module is not None  # parse_args ends the program unless a command was named
+    return int(module.run(args))
+
+
+def _is_reported(error: Exception) -> bool:
+    for module_name, class_name in _REPORTED:
+        kind = getattr(sys.modules.get(module_name), class_name, None)
+        if isinstance(kind, type) and isinstance(error, kind):
+            return True
+    return False

@@ -1,0 +1,93 @@
+"""A short queue between the sonar and the detector: what is stale is dropped and counted."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+
+from ertis_driver.frame import PdmFrame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeardPing:
+    """A frame and when it arrived, on the monotonic clock, s."""
+
+    frame: PdmFrame
+    arrived_s: float
+
+
+class FrameQueue:
+    """A bounded queue for one producer and one consumer.
+
+    Parameters
+    ----------
+    size
+        Frames that may wait.
+    keep_newest
+        What to do if it is full: drop the oldest, or let the producer wait.
+    """
+
+    def __init__(self, size: int, *, keep_newest: bool) -> None:
+        self.drops = 0
+        self._items: deque[HeardPing] = deque()
+        self._size = size
+        self._keep_newest = keep_newest
+        self._ended = False
+        self._abandoned = False
+        self._error: BaseException | None = None
+        self._changed = threading.Condition()
+
+    def put(self, ping: HeardPing) -> None:
+        """Hand a ping over."""
+        with self._changed:
+            while len(self._items) >= self._size and not self._abandoned:
+                if self._keep_newest:
+                    self._items.popleft()
+                    self.drops += 1
+                else:
+                    self._changed.wait()
+            self._items.append(ping)
+            self._changed.notify_all()
+
+    def end(self, error: BaseException | None = None) -> None:
+        """Say that no more will come, and why."""
+        with self._changed:
+            self._ended, self._error = True, error
+            self._changed.notify_all()
+
+    def abandon(self) -> None:
+        """Say that nobody will take any more: a waiting producer goes on."""
+        with self._changed:
+            self._abandoned = True
+            self._changed.notify_all()
+
+    def get(self, timeout_s: float) -> HeardPing | None:
+        """Return the oldest ping waiting; None if there was none in time or none will come.
+
+        Raises
+        ------
+        BaseException
+            What the producer ended with, after its last ping was taken.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        with self._changed:
+            while not self._items:
+                left_s = deadline_s - time.monotonic()
+                if self._ended or left_s <= 0:
+                    break
+                self._changed.wait(left_s)
+            if self._items:
+                ping = self._items.popleft()
+                self._changed.notify_all()
+                return ping
+            if self._error is not None:
+                raise self._error
+            return None
+
+    @property
+    def finished(self) -> bool:
+        """Whether all has been taken and no more will come."""
+        with self._changed:
+            return self._ended and not self._items

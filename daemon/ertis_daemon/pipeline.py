@@ -1,0 +1,140 @@
+"""A frame in, tracks out: what the service runs on each ping."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ertis_daemon.config import Config
+from ertis_detector.detection import Detection
+from ertis_driver.device import Settings
+from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, PdmFrame
+
+if TYPE_CHECKING:
+    from ertis_detector.detector import LandmarkDetector
+    from ertis_detector.tracker import Tracker
+    from ertis_driver.audio import PdmDecoder
+
+
+class TrackLike(Protocol):
+    """One landmark followed over pings; ``state`` is new, update or lost."""
+
+    @property
+    def track_id(self) -> int:
+        """The same number as long as it is followed."""
+
+    @property
+    def state(self) -> str:
+        """``new``, ``update`` or ``lost``."""
+
+    @property
+    def detection(self) -> Detection:
+        """The last of it that was heard."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What one ping told."""
+
+    tracks: Sequence[TrackLike]
+    half_words_repaired: int = 0
+
+
+class Pipeline(Protocol):
+    """What the service needs of a pipeline."""
+
+    @property
+    def model_name(self) -> str:
+        """Name of the classifier's model."""
+
+    @property
+    def classes(self) -> Sequence[str]:
+        """What it can tell apart."""
+
+    def process(self, frame: PdmFrame) -> Heard:
+        """Tracks after this ping.
+
+        Raises
+        ------
+        Exception
+            Whatever a bad frame causes; the service drops the ping.
+        """
+
+
+class DetectorPipeline:
+    """Decode, detect, track."""
+
+    def __init__(
+        self,
+        decoder: PdmDecoder,
+        detector: LandmarkDetector,
+        tracker: Tracker,
+        *,
+        model_name: str,
+        classes: Sequence[str],
+    ) -> None:
+        self._decoder = decoder
+        self._detector = detector
+        self._tracker = tracker
+        self.model_name = model_name
+        self.classes = classes
+
+    def process(self, frame: PdmFrame) -> Heard:
+        """Tracks after this ping."""
+        whole = frame.words.size - frame.words.size % DECIMATION  # 32768 is no multiple of 10
+        decoded = self._decoder.decode(frame.words[:whole])
+        detections = self._detector.detect(decoded.audio)
+        tracks = self._tracker.update(detections, frame.ping_time_ns)
+        return Heard(tracks, decoded.half_words_repaired)
+
+
+def build_pipeline(config: Config, settings: Settings) -> DetectorPipeline:
+    """Build the pipeline that fits a configuration.
+
+    Parameters
+    ----------
+    config
+        For the model, the least probability and the air.
+    settings
+        What the sonar is set to; for a recording that is what it was recorded with.
+
+    Raises
+    ------
+    DetectorError
+        If the model cannot be read or does not fit the chirp.
+    """
+    from ertis_detector.detector import LandmarkDetector, Scanner
+    from ertis_detector.model import load_model, shipped_model
+    from ertis_detector.tracker import Tracker
+    from ertis_driver.audio import PdmDecoder
+    from ertis_driver.audio_filter import FILTER_VERSION
+    from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
+
+    chirp = settings.chirp
+    path = Path(config.detector.model) if config.detector.model else shipped_model(chirp.name)
+    model = load_model(path)
+    scanner = Scanner(
+        mic_positions_m=mic_positions_m(),
+        emitter_position_m=np.array(EMITTER_POSITION_M),
+        chirp_samples=chirp.samples(AUDIO_RATE_HZ),
+        chirp_band_hz=(
+            min(chirp.f_start_hz, chirp.f_stop_hz),
+            max(chirp.f_start_hz, chirp.f_stop_hz),
+        ),
+        num_samples=settings.num_words // DECIMATION,
+        speed_of_sound_m_s=config.speed_of_sound_m_s,
+    )
+    detector = LandmarkDetector(
+        model,
+        scanner,
+        chirp=chirp.name,
+        audio_filter=FILTER_VERSION,
+        min_probability=config.detector.min_probability,
+    )
+    return DetectorPipeline(
+        PdmDecoder(), detector, Tracker(), model_name=model.name, classes=tuple(model.classes)
+    )

@@ -1,0 +1,287 @@
+"""Real Zenoh sessions on localhost; the readers here share no code with the publisher."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import jsonschema
+import numpy as np
+import pytest
+import zenoh
+from zenoh import ext
+
+from ertis_daemon.config import Config, DeviceConfig, ZenohConfig
+from ertis_daemon.events import LandmarkEvent, LandmarkReport
+from ertis_daemon.pipeline import Heard
+from ertis_daemon.publisher import PublisherError, ZenohPublisher
+from ertis_daemon.service import Service
+from ertis_detector.detection import Detection
+from ertis_driver.open import open_device
+
+DEADLINE_S = 10.0
+
+
+def event(index):
+    report = LandmarkReport(
+        track_id=1,
+        state="update",
+        label="r48",
+        probabilities={"r48": 0.9, "none": 0.1},
+        range_m=1.0,
+        azimuth_rad=0.1,
+        elevation_rad=0.0,
+        covariance=((1e-4, 0, 0), (0, 1e-3, 0), (0, 0, float("nan"))),
+        snr_db=20.0,
+        radius_m=0.048,
+    )
+    return LandmarkEvent(
+        schema="ertis.landmarks/1",
+        device="t",
+        ping_index=index,
+        ping_time_ns=time.time_ns(),
+        time_uncertainty_ns=0,
+        frame_id="sonar",
+        source="sim",
+        model="m",
+        landmarks=(report,),
+        speed_of_sound_m_s=343.2,
+        temperature_c=20.0,
+    )
+
+
+@pytest.fixture
+def locator():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def publisher(locator):
+    config = ZenohConfig(connect=(), listen=(locator,))
+    info = {"version": "1", "model": "m"}
+    effective = Config().to_json()
+    with ZenohPublisher("t", config, info=info, effective_config=effective) as publisher:
+        yield publisher
+
+
+@pytest.fixture
+def reader(publisher, locator):
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([locator]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    session = zenoh.open(config)
+    yield session
+    session.close()
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + DEADLINE_S
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.01)
+    return pytest.fail(f"not within {DEADLINE_S} s")
+
+
+def drain(subscriber, count):
+    got = []
+
+    def enough():
+        while (sample := subscriber.try_recv()) is not None:
+            got.append(sample)
+        return len(got) >= count
+
+    wait_for(enough)
+    return got
+
+
+def ask(session, key):
+    replies = [reply.ok for reply in session.get(key, timeout=3.0)]
+    return [(str(r.key_expr), str(r.encoding), json.loads(r.payload.to_bytes())) for r in replies]
+
+
+def test_a_plain_subscriber_gets_events_that_fit_the_served_schema(publisher, reader):
+    subscriber = reader.declare_subscriber("ertis/t/landmarks", zenoh.handlers.FifoChannel(100))
+    time.sleep(0.3)  # a declaration travels
+    for index in range(20):
+        publisher.publish(event(index))
+    samples = drain(subscriber, 20)
+    ((key, encoding, schema),) = ask(reader, "ertis/t/schema")
+    assert (key, encoding) == ("ertis/t/schema", "application/schema+json")
+    for index, sample in enumerate(samples):
+        assert str(sample.encoding) == "application/json;ertis.landmarks/1"
+        assert sample.priority == zenoh.Priority.INTERACTIVE_HIGH
+        assert sample.congestion_control == zenoh.CongestionControl.DROP
+        assert sample.express
+        value = json.loads(sample.payload.to_bytes())
+        jsonschema.validate(value, schema)
+        assert value["ping_index"] == index
+        assert value["landmarks"][0]["covariance"][2] == [0, 0, None]
+
+
+def test_a_late_joiner_with_history_gets_the_last_32(publisher, reader):
+    for index in range(40):
+        publisher.publish(event(index))
+    subscriber = ext.declare_advanced_subscriber(
+        reader,
+        "ertis/*/landmarks",
+        zenoh.handlers.FifoChannel(100),
+        history=ext.HistoryConfig(detect_late_publishers=True),
+        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    )
+    samples = drain(subscriber, 32)
+    indices = [json.loads(s.payload.to_bytes())["ping_index"] for s in samples]
+    assert indices == list(range(8, 40))
+
+
+def test_queries_are_answered_and_last_is_empty_before_the_first(publisher, reader):
+    assert ask(reader, "ertis/t/last") == []
+    publisher.publish(event(3))
+    publisher.publish_status({"pings_heard": 4, "latency_median_ms": float("nan")})
+    ((_, encoding, last),) = ask(reader, "ertis/t/last")
+    assert (encoding, last["ping_index"]) == ("application/json;ertis.landmarks/1", 3)
+    ((_, _, status),) = ask(reader, "ertis/t/status")
+    assert status == {"pings_heard": 4, "latency_median_ms": None}
+    ((_, _, info),) = ask(reader, "ertis/t/info")
+    assert info["model"] == "m"
+    ((_, _, config),) = ask(reader, "ertis/t/config")
+    assert config["device"]["name"] == "ertis"
+
+
+def test_the_alive_token_goes_with_the_publisher(publisher, reader):
+    assert len([r for r in reader.liveliness().get("ertis/*/alive", timeout=3.0) if r.ok]) == 1
+    start = time.monotonic()
+    publisher.close()
+    publisher.close()
+    assert time.monotonic() - start < 3.0
+    wait_for(lambda: not [r for r in reader.liveliness().get("ertis/*/alive", timeout=1.0) if r.ok])
+
+
+def test_a_port_taken_and_bad_locators_are_one_line(publisher, locator):
+    for config, words in [
+        (ZenohConfig(connect=(), listen=(locator,)), "already in use"),
+        (ZenohConfig(connect=("foo/bar",), listen=()), "foo"),
+        (ZenohConfig(mode="client", connect=("tcp/127.0.0.1:1",)), "Unable to connect"),
+        (ZenohConfig(mode="client", connect=()), "No peer"),
+    ]:
+        with (
+            pytest.raises(PublisherError, match=words) as caught,
+            ZenohPublisher("t", config, info={}, effective_config={}),
+        ):
+            pass
+        assert "\n" not in str(caught.value)
+        assert ".rs" not in str(caught.value)
+
+
+def test_the_service_publishes_what_a_serial_sonar_hears(publisher, reader, emulator):
+    class Track:
+        track_id, state = 1, "new"
+        detection = Detection("r48", {"r48": 1.0}, 1.0, 0.0, 0.0, ((0.0,) * 3,) * 3, 20.0)
+
+    class Pipeline:
+        model_name, classes = "fake", ("r48",)
+
+        def process(self, frame):
+            return Heard([Track()])
+
+    subscriber = reader.declare_subscriber("ertis/t/landmarks", zenoh.handlers.FifoChannel(100))
+    time.sleep(0.3)
+    config = Config(device=DeviceConfig(name="t"), num_words=32_768, max_pings=5)
+    sonar = open_device(f"serial:{emulator.path}")
+    sonar.configure(config.settings())
+    status = Service(sonar, Pipeline(), publisher, config).run()
+    events = [json.loads(s.payload.to_bytes()) for s in drain(subscriber, 5)]
+    assert (status.pings_heard, status.events, status.pings_lost) == (5, 5, 0)
+    assert [e["source"] for e in events] == ["sim"] * 5
+    first = events[0]["ping_index"]
+    assert [e["ping_index"] for e in events] == list(range(first, first + 5))
+
+
+def test_the_emulate_command_names_its_port_first_and_answers_there(tmp_path):
+    recording = tmp_path / "r.bin"
+    recording.write_bytes(np.random.default_rng(1).bytes(4 * 32_768))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ertis_daemon.cli", "emulate", "--replay", str(recording)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        port = process.stdout.readline().strip()
+        with open_device(f"serial:{port}") as sonar:
+            sonar.configure(Config(num_words=32_768).settings())
+            assert sonar.ping().words.tobytes() == recording.read_bytes()
+            assert sonar.info.source == "replay"
+        process.terminate()
+        assert process.wait(DEADLINE_S) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_process_that_fails_while_publishing_exits_at_once():
+    code = (
+        "from ertis_daemon.publisher import ZenohPublisher\n"
+        "from ertis_daemon.config import ZenohConfig\n"
+        "c = ZenohConfig(connect=(), listen=('tcp/127.0.0.1:0',))\n"
+        "with ZenohPublisher('t', c, info={}, effective_config={}):\n"
+        "    print('up', flush=True)\n"
+        "    raise RuntimeError('boom')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=8, check=False
+    )
+    assert (done.returncode, done.stdout) == (1, "up\n")
+    assert "RuntimeError: boom" in done.stderr
+
+
+def start_monitor(locator, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", "ertis_daemon.cli", "monitor", "--connect", locator, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_the_monitor_prints_and_logs_what_was_before_it_and_what_comes(
+    publisher, locator, tmp_path
+):
+    for index in range(3):
+        publisher.publish(event(index))
+    log = tmp_path / "e.jsonl"
+    monitor = start_monitor(locator, "--log", str(log), "--count", "4")
+    try:
+        wait_for(lambda: log.exists() and log.read_bytes().count(b"\n") == 3)
+        publisher.publish(event(3))
+        out, err = monitor.communicate(timeout=DEADLINE_S)
+    finally:
+        monitor.kill()
+    assert (monitor.returncode, err) == (0, "")
+    assert len(out.splitlines()) == 4
+    assert "r48  90 %   1.000 m" in out
+    logged = [json.loads(line)["ping_index"] for line in log.read_text().splitlines()]
+    assert logged == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
+def test_a_signal_ends_the_monitor_at_once_and_in_silence(publisher, locator, number, code):
+    publisher.publish(event(0))
+    monitor = start_monitor(locator, "--json")
+    try:
+        assert json.loads(monitor.stdout.readline())["ping_index"] == 0
+        start = time.monotonic()
+        monitor.send_signal(number)
+        monitor.wait(DEADLINE_S)
+        assert time.monotonic() - start < 1.0  # 0.1 s as a rule
+        assert monitor.returncode == code
+        assert monitor.stderr.read() == ""
+    finally:
+        monitor.kill()
+        monitor.communicate()
