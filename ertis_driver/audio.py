@@ -42,7 +42,8 @@ def _byte_table() -> npt.NDArray[np.float32]:
 def _banded_matrix() -> npt.NDArray[np.float32]:
     matrix = np.zeros((OUTPUTS_PER_BLOCK, _BLOCK_ROWS), np.float32)
     for output in range(OUTPUTS_PER_BLOCK):
-        matrix[output, output * DECIMATION : output * DECIMATION + TAPS.size] = TAPS
+        # A power of two scales exactly.
+        matrix[output, output * DECIMATION : output * DECIMATION + TAPS.size] = TAPS / UNITY
     return matrix
 
 
@@ -104,8 +105,7 @@ class PdmDecoder:
             self._expand(octets, first_out * DECIMATION - _LEAD)
             np.matmul(self._matrix, self._blocks, out=self._sums)
             flat = self._sums.reshape(-1, NUM_MICS)[: num_out - first_out]
-            part = audio[:, first_out : first_out + len(flat)]
-            np.multiply(flat.T, np.float32(1 / UNITY), out=part)
+            audio[:, first_out : first_out + len(flat)] = flat.T
         return audio
 
     def _expand(self, octets: npt.NDArray[np.uint8], first: int) -> None:

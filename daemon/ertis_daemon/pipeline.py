@@ -15,7 +15,7 @@ from ertis_driver.device import Settings
 from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, PdmFrame
 
 if TYPE_CHECKING:
-    from ertis_detector.detector import LandmarkDetector
+    from ertis_detector.detector import LandmarkDetector, Scanner
     from ertis_detector.tracker import Tracker
     from ertis_driver.audio import PdmDecoder
 
@@ -107,34 +107,45 @@ def build_pipeline(config: Config, settings: Settings) -> DetectorPipeline:
     DetectorError
         If the model cannot be read or does not fit the chirp.
     """
-    from ertis_detector.detector import LandmarkDetector, Scanner
+    from ertis_detector.detector import LandmarkDetector
     from ertis_detector.model import load_model, shipped_model
     from ertis_detector.tracker import Tracker
     from ertis_driver.audio import PdmDecoder
     from ertis_driver.audio_filter import FILTER_VERSION
-    from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 
     chirp = settings.chirp
     path = Path(config.detector.model) if config.detector.model else shipped_model(chirp.name)
     model = load_model(path)
-    scanner = Scanner(
-        mic_positions_m=mic_positions_m(),
-        emitter_position_m=np.array(EMITTER_POSITION_M),
-        chirp_samples=chirp.samples(AUDIO_RATE_HZ),
-        chirp_band_hz=(
-            min(chirp.f_start_hz, chirp.f_stop_hz),
-            max(chirp.f_start_hz, chirp.f_stop_hz),
-        ),
-        num_samples=settings.num_words // DECIMATION,
-        speed_of_sound_m_s=config.speed_of_sound_m_s,
-    )
     detector = LandmarkDetector(
         model,
-        scanner,
+        build_scanner(settings, config.speed_of_sound_m_s),
         chirp=chirp.name,
         audio_filter=FILTER_VERSION,
         min_probability=config.detector.min_probability,
     )
     return DetectorPipeline(
         PdmDecoder(), detector, Tracker(), model_name=model.name, classes=tuple(model.classes)
+    )
+
+
+def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:
+    """Build the scanner for what an eRTIS is set to.
+
+    Raises
+    ------
+    DetectorError
+        If the chirp or the listening time leaves nothing to detect.
+    """
+    from ertis_detector.detector import Scanner
+    from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
+
+    chirp = settings.chirp
+    ends_hz = chirp.f_start_hz, chirp.f_stop_hz
+    return Scanner(
+        mic_positions_m=mic_positions_m(),
+        emitter_position_m=np.array(EMITTER_POSITION_M),
+        chirp_samples=chirp.samples(AUDIO_RATE_HZ),
+        chirp_band_hz=(min(ends_hz), max(ends_hz)),
+        num_samples=settings.num_words // DECIMATION,
+        speed_of_sound_m_s=speed_of_sound_m_s,
     )

@@ -173,13 +173,14 @@ class Service:
             frame_id=config.device.frame_id,
             source=self._sonar.info.source,
             model=self._pipeline.model_name,
-            landmarks=tuple(_report(track) for track in heard.tracks),
+            landmarks=tuple(report(track) for track in heard.tracks),
             speed_of_sound_m_s=config.speed_of_sound_m_s,
             temperature_c=config.temperature_c,
         )
 
 
-def _report(track: TrackLike) -> LandmarkReport:
+def report(track: TrackLike) -> LandmarkReport:
+    """A track as events report it."""
     if track.state not in get_args(TrackState):
         raise ValueError(f"track state {track.state!r}, expected new, update or lost")
     heard = track.detection

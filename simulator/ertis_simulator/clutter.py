@@ -49,9 +49,9 @@ class Clutter:
         rng: np.random.Generator,
         top_m: float = 1.6,
     ) -> Clutter:
-        """Clusters strewn over a rectangle, standing up to ``top_m`` high."""
+        """Clusters strewn over a rectangle, up to ``top_m`` high; the density counts glints."""
         area = (x_m[1] - x_m[0]) * (y_m[1] - y_m[0])
-        num_clusters = int(rng.poisson(density_per_m2 * area))
+        num_clusters = int(rng.poisson(density_per_m2 * area / np.mean(GLINTS_PER_CLUSTER)))
         if num_clusters == 0:
             return cls.none()
         sizes = rng.integers(*GLINTS_PER_CLUSTER, size=num_clusters)

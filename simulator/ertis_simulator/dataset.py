@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ertis_simulator.air import Air
+from ertis_detector.air import Air
 from ertis_simulator.clutter import Clutter
 from ertis_simulator.landmark import RADII_MM, Dish
 from ertis_simulator.room import Room
 from ertis_simulator.scene import DishObject, Pose, Scene
 
-# The paper's span of rooms, open lab to packed garage: clusters of clutter a square metre.
-CLUTTER_PER_M2 = (0.3, 6.0)
+# The paper's span of rooms, open lab to packed garage: glints of clutter a square metre.
+CLUTTER_PER_M2 = (0.5, 8.0)
 RANGE_M = (0.7, 4.5)
-MAX_AZIMUTH_RAD = np.deg2rad(35.0)
+MAX_AZIMUTH_RAD = np.deg2rad(30.0)
 WALL_GAP_M = 0.2
 MAX_TURN_RAD = np.deg2rad(45.0)  # of a dish away from the sonar
 

@@ -13,16 +13,17 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from ertis_detector.air import Air
+from ertis_detector.piston import piston_pattern
 from ertis_driver.frame import AUDIO_RATE_HZ
-from ertis_simulator.air import Air
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.kernels import KERNEL_TAPS, place_echoes
-from ertis_simulator.transducer import AMPLITUDE_AT_1M, piston_pattern, sensor_response
+from ertis_simulator.transducer import AMPLITUDE_AT_1M, sensor_response
 
 BAND_HZ = (10e3, 115e3)
 _DECIMATION = 3  # 450 to 150 kHz, complex
 _CHIRP_ROOM = 2_048  # audio samples behind the frame for the tails of the last echoes
-_BASIS = 7
+_BASIS = 8
 _FRACTIONS = 256
 
 
@@ -56,6 +57,23 @@ def spectra(
     return np.asarray(value)
 
 
+def _coefficients(
+    echoes: Echoes, air: Air, chirp: npt.NDArray[np.float64], fft_size: int
+) -> npt.NDArray[np.float64]:
+    """Polynomials of each echo's spectrum, shape (num_echoes, _BASIS).
+
+    Fitted best where something is emitted and heard: -58 dB there up to 35 degrees off axis, 6 m
+    and 1 mm of roughness.
+    """
+    nodes = np.linspace(*BAND_HZ, 48)
+    grid_hz = np.fft.rfftfreq(fft_size, 1 / AUDIO_RATE_HZ)
+    emitted = np.abs(scipy.fft.rfft(chirp, fft_size))
+    trust = np.interp(nodes, grid_hz, emitted) * sensor_response(nodes)
+    trust = np.maximum(trust / max(float(trust.max()), 1e-12), 1e-3)
+    inverse = np.linalg.pinv(_polynomials(nodes) * trust[:, None])
+    return np.asarray(spectra(echoes, air, nodes) @ (inverse * trust).T)
+
+
 def render(
     echoes: Echoes,
     air: Air,
@@ -87,10 +105,11 @@ def render(
     carrier_bin = round(sum(BAND_HZ) / 2 / spacing)
     carrier_hz = carrier_bin * spacing
 
-    nodes = np.linspace(*BAND_HZ, 32)
-    coefficients = spectra(echoes, air, nodes) @ np.linalg.pinv(_polynomials(nodes)).T
+    coefficients = _coefficients(echoes, air, chirp, fft_size)
     delay_s = echoes.path_m / air.speed_of_sound_m_s
-    turn = np.exp(-2j * np.pi * carrier_hz * delay_s) * (AMPLITUDE_AT_1M * echoes.gain)
+    # What arrives after the frame is not heard; its tail must not wrap to the start either.
+    gain = np.where(delay_s < num_samples / AUDIO_RATE_HZ, echoes.gain, 0.0)
+    turn = np.exp(-2j * np.pi * carrier_hz * delay_s) * (AMPLITUDE_AT_1M * gain)
     weights = (turn[:, :, None] * coefficients[:, None, :]).astype(np.complex64)
     num_mics = echoes.path_m.shape[1]
     trains = np.zeros((num_mics, _BASIS, length), np.complex64)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ertis_driver.frame import AUDIO_RATE_HZ, NUM_MICS
+from ertis_detector.air import Air
+from ertis_driver.frame import DECIMATION, NUM_MICS
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
-from ertis_simulator.air import Air
 from ertis_simulator.clutter import Clutter
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.landmark import Dish, dish_echoes
@@ -20,8 +20,8 @@ from ertis_simulator.room import Room
 from ertis_simulator.transducer import RING_DOWN_DB_PER_MS, RING_DOWN_S, RING_DOWN_START_DB
 
 FloatArray = npt.NDArray[np.float64]
-VISIBLE_TILT_RAD = np.deg2rad(40.0)  # beyond it only rim and vertex are left: "limiting angle"
-VISIBLE_AZIMUTH_RAD = np.deg2rad(40.0)  # the emitter's beam is some 20 dB down there
+VISIBLE_TILT_RAD = np.deg2rad(35.0)  # beyond it only rim and vertex are left: "limiting angle"
+VISIBLE_AZIMUTH_RAD = np.deg2rad(25.0)  # the emitter's beam has its first null at 19 (50 kHz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,18 +145,17 @@ class Scene:
         ----------
         ping_index : int
         num_words : int
-            A multiple of 10.
         chirp : float64, shape (n,) at 450 kHz, or None
             None: only listen.
         """
         rng = np.random.default_rng([self.seed, ping_index])
         mics = MicrophoneSet.draw(np.random.default_rng([self.seed, 2**32]))
-        num_samples = num_words * AUDIO_RATE_HZ // 4_500_000
+        num_samples = -(-num_words // DECIMATION)
         pressure = np.zeros((NUM_MICS, num_samples), np.float32)
         if chirp is not None:
             pressure += render(self.echoes(ping_index), self.air, chirp, num_samples, mics.response)
         add_noise(pressure, rng)
-        words = to_pdm(pressure, rng)
+        words = to_pdm(pressure, rng)[:num_words]
         corrupt_half_words(words, mics.half_words_per_frame * num_words / 163_840, rng)
         return words
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ertis_simulator.air import Air
+from ertis_detector.air import Air
 from ertis_simulator.clutter import Clutter
 from ertis_simulator.errors import SceneError
 from ertis_simulator.landmark import DEPTH_RATIO, RADII_MM, Dish
@@ -67,10 +67,20 @@ class _Section:
                 raise SceneError(f"{name + '.' if name else ''}{key}: unknown key, {hint}")
         self._content, self.name = content, name
 
-    def number(self, key: str, default: float | None = None) -> float:
+    def number(
+        self,
+        key: str,
+        default: float | None = None,
+        *,
+        low: float = -1e6,
+        high: float = 1e6,
+    ) -> float:
         value = self._content.get(key, default)
+        where = f"{self.name}.{key}" if self.name else key
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-            raise SceneError(f"{self.name}.{key}: met {value!r}, expected a number")
+            raise SceneError(f"{where}: met {value!r}, expected a number")
+        if not low <= value <= high:
+            raise SceneError(f"{where}: met {value:g}, expected {low:g} to {high:g}")
         return float(value)
 
     def pair(self, key: str, default: tuple[float, float]) -> tuple[float, float]:
@@ -94,7 +104,7 @@ class _Section:
 
 
 def _scene(top: _Section, name: str) -> Scene:
-    seed = int(top.number("seed", 0))
+    seed = int(top.number("seed", 0, low=0, high=2**31))
     room = _room(top.section("room", _ROOM))
     sonar = top.section("sonar", _SONAR)
     air = top.section("air", {"temperature_c", "humidity_percent"})
@@ -102,18 +112,27 @@ def _scene(top: _Section, name: str) -> Scene:
     return Scene(
         room=room,
         start=Pose(
-            (sonar.number("x_m", 0.0), sonar.number("y_m", 0.0), sonar.number("height_m", 0.5)),
+            (
+                sonar.number("x_m", 0.0),
+                sonar.number("y_m", 0.0),
+                sonar.number("height_m", 0.5, low=0.05, high=5.0),
+            ),
             float(np.deg2rad(sonar.number("heading_deg", 0.0))),
         ),
         dishes=tuple(
             [_landmark(item) for item in top.sections("landmarks", _LANDMARK)]
             + [_decoy(item) for item in top.sections("decoys", _DECOY)]
         ),
-        clutter=Clutter.scatter(room.x_m, room.y_m, top.number("clutter_per_m2", 0.0), rng),
-        air=Air(air.number("temperature_c", 20.0), air.number("humidity_percent", 50.0)),
+        clutter=Clutter.scatter(
+            room.x_m, room.y_m, top.number("clutter_per_m2", 0.0, low=0.0, high=100.0), rng
+        ),
+        air=Air(
+            air.number("temperature_c", 20.0, low=-40.0, high=60.0),
+            air.number("humidity_percent", 50.0, low=1.0, high=100.0),
+        ),
         velocity_m_s=sonar.pair("velocity_m_s", (0.0, 0.0)),
         yaw_rate_rad_s=float(np.deg2rad(sonar.number("turn_deg_s", 0.0))),
-        ping_period_s=sonar.number("ping_period_s", 0.2),
+        ping_period_s=sonar.number("ping_period_s", 0.2, low=0.0, high=60.0),
         seed=seed,
         name=top.text("name", name),
     )
@@ -121,11 +140,15 @@ def _scene(top: _Section, name: str) -> Scene:
 
 def _room(section: _Section) -> Room:
     default = Room()
+    sides = {key: section.pair(key, getattr(default, key)) for key in ("x_m", "y_m")}
+    for key, (low, high) in sides.items():
+        if not 0 < high - low <= 100:
+            raise SceneError(f"room.{key}: met {low:g} to {high:g}, expected a width up to 100")
     return Room(
-        section.pair("x_m", default.x_m),
-        section.pair("y_m", default.y_m),
-        section.number("wall_reflection", default.wall_reflection),
-        section.number("floor_reflection", default.floor_reflection),
+        sides["x_m"],
+        sides["y_m"],
+        section.number("wall_reflection", default.wall_reflection, low=0.0, high=1.0),
+        section.number("floor_reflection", default.floor_reflection, low=0.0, high=1.0),
     )
 
 

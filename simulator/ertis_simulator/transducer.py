@@ -1,4 +1,4 @@
-"""The emitter: response on axis (with the microphones'), beam pattern, ring-down."""
+"""The emitter: response on axis (with the microphones'), loudness, ring-down."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from importlib import resources
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import j1
 
-PISTON_RADIUS_M = 0.013  # effective radius of a SensComp 7000
 # Amplitude (full scale = 1) at 1 m on axis at 50 kHz. With it a wall at 3.2 m returns -22 dBFS and
 # the direct path reaches about full scale, both as in the one real ping.
 AMPLITUDE_AT_1M = 1.0
@@ -31,19 +29,3 @@ def sensor_response(frequency_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.flo
     table = _response_table()
     level_db = np.interp(frequency_hz, table[:, 0], table[:, 1])
     return np.asarray(10 ** (level_db / 20))
-
-
-def piston_pattern(
-    wavenumber: npt.NDArray[np.float64], sin_angle: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Directivity of a circular piston, 2 J1(x) / x with x = k a sin(angle); broadcasts.
-
-    Parameters
-    ----------
-    wavenumber : float64
-        k = 2 pi f / c, rad/m.
-    sin_angle : float64
-        Sine of the angle off the axis.
-    """
-    x = np.maximum(wavenumber * PISTON_RADIUS_M * np.abs(sin_angle), 1e-6)
-    return np.asarray(2 * j1(x) / x)

@@ -21,6 +21,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "check-config": ("ertis_daemon.cli.check_config", "check a configuration, or print an example"),
     "monitor": ("ertis_daemon.cli.monitor", "print landmark events as they are published"),
     "emulate": ("ertis_daemon.cli.emulate", "be an eRTIS on a pseudo-terminal"),
+    "detect": ("ertis_daemon.cli.detect", "say which landmarks a recording holds, and draw it"),
+    "simulate": ("ertis_daemon.cli.simulate", "record a simulated scene, or many random ones"),
+    "train": ("ertis_daemon.cli.train", "make a model from recordings with truth"),
     "demo": ("ertis_daemon.cli.demo", "see it all work, on a simulated scene"),
 }
 
@@ -28,7 +31,6 @@ COMMANDS: dict[str, tuple[str, str]] = {
 _REPORTED = (
     ("ertis_driver.errors", "ErtisError"),
     ("ertis_detector.errors", "DetectorError"),
-    ("ertis_simulator.errors", "SimulatorError"),
 )
 
 

@@ -1,0 +1,43 @@
+# Everything stays in this folder: .venv, out, .cache.
+PYTHON ?= python3
+VENV := .venv
+ERTIS := $(VENV)/bin/ertis
+STAMP := $(VENV)/.installed
+TRAINING_PINGS ?= 2400
+
+.PHONY: setup run test check bench models clean
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml
+	@test -x $(VENV)/bin/pip || $(PYTHON) -m venv $(VENV) || { \
+	  rm -rf $(VENV); \
+	  echo "no virtual environment: install python3-venv (apt install python3-venv), then try again" >&2; \
+	  exit 1; }
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+run: setup
+	@$(ERTIS) demo
+
+test: setup
+	$(VENV)/bin/python -m pytest -q
+
+check: setup
+	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" ./check
+
+bench: setup
+	$(VENV)/bin/python tests/bench/bench.py
+
+# The shipped models, made again from nothing: simulated scenes, then training.
+models: setup
+	mkdir -p out
+	for chirp in hyperbolic:80000:20000:0.0025 hyperbolic:50000:25000:0.0025; do \
+	  rm -f out/training.mcap && \
+	  $(ERTIS) simulate --random --seed 1 -n $(TRAINING_PINGS) --chirp $$chirp -o out/training.mcap && \
+	  $(ERTIS) train out/training.mcap -o detector/ertis_detector/models || exit 1; \
+	done
+	rm -f out/training.mcap
+
+clean:
+	rm -rf $(VENV) out .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,39 @@
+"""``ertis train``: a model from recordings with truth."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the flags."""
+    parser.add_argument("recordings", nargs="+", type=Path, help="MCAP recordings with truth")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        help="model file; a folder gets one named after the chirp",
+    )
+    parser.add_argument("--name", help="what events call the model; default from the chirp")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train, save, and say what cross-validation gave."""
+    from ertis_daemon.training import train
+    from ertis_detector.model import model_file_name, save_model
+
+    def show(pings: int) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{pings} pings read", end="", file=sys.stderr)
+
+    model = train(args.recordings, args.name or "", show)
+    if sys.stderr.isatty():
+        print(file=sys.stderr)
+    path = args.output / model_file_name(model.card.chirp) if args.output.is_dir() else args.output
+    save_model(model, path)
+    print(json.dumps({"model": str(path), "source": model.card.source, **model.card.figures}))
+    return 0

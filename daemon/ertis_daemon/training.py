@@ -1,0 +1,138 @@
+"""Recordings with truth to a model: decode, scan, label, fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ertis_daemon.pipeline import build_scanner
+from ertis_detector.air import Air
+from ertis_detector.classifier import Fit, fit
+from ertis_detector.detection import NONE, UNKNOWN
+from ertis_detector.labelling import label_candidates
+from ertis_detector.model import Model, ModelCard, file_sha256
+from ertis_driver.audio import PdmDecoder
+from ertis_driver.audio_filter import FILTER_VERSION
+from ertis_driver.chirp import Chirp
+from ertis_driver.device import Settings
+from ertis_driver.errors import RecordingError
+from ertis_driver.recording import RecordedPing, Recording, open_recording
+
+
+@dataclass(slots=True)
+class TrainingRows:
+    """What all candidates of all recordings teach."""
+
+    features: list[npt.NDArray[np.float32]] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
+    groups: list[str] = field(default_factory=list)
+
+
+def train(
+    paths: Sequence[Path], name: str, progress: Callable[[int], None] = lambda pings: None
+) -> Model:
+    """Make a model of recordings that were all made with one chirp.
+
+    Parameters
+    ----------
+    paths : MCAP recordings with truth
+    name : str
+        What events will call the model.
+    progress
+        Called with the number of pings read.
+
+    Raises
+    ------
+    RecordingError
+        If a recording has no truth, no chirp or another chirp, or too little is in them.
+    """
+    recordings = [open_recording(path) for path in paths]
+    chirp = _one_chirp(recordings)
+    rows = TrainingRows()
+    decoder = PdmDecoder()
+    pings = 0
+    for recording in recordings:
+        for ping in recording:
+            _learn(rows, ping, recording, chirp, decoder)
+            pings += 1
+            progress(pings)
+    try:
+        fitted = fit(np.stack(rows.features), rows.labels, rows.groups)
+    except ValueError as error:
+        raise RecordingError(f"too little to train on in {pings} pings: {error}") from error
+    sources = sorted({recording.info.source for recording in recordings})
+    digests = ", ".join(
+        f"{recording.info.address} sha256 {file_sha256(path)[:16]}"
+        for recording, path in zip(recordings, paths, strict=True)
+    )
+    card = ModelCard(
+        name=name or "-".join([*sources, chirp.name]),
+        chirp=chirp.name,
+        audio_filter=FILTER_VERSION,
+        source="+".join(sources),
+        data=f"{pings} pings: {digests}",
+        figures=_figures(fitted, rows.labels, pings),
+    )
+    return Model(fitted.classifier, card)
+
+
+def _one_chirp(recordings: Sequence[Recording]) -> Chirp:
+    first = recordings[0].info.chirp
+    for recording in recordings:
+        chirp = recording.info.chirp
+        if chirp is None:
+            raise RecordingError(f"{recording.path}: says no chirp, expected one to train for")
+        if first is not None and chirp.name != first.name:
+            raise RecordingError(
+                f"{recording.path}: chirp {chirp.name}, expected {first.name} as in "
+                f"{recordings[0].path}: train one model a chirp"
+            )
+    assert first is not None  # checked above
+    return first
+
+
+def _learn(
+    rows: TrainingRows,
+    ping: RecordedPing,
+    recording: Recording,
+    chirp: Chirp,
+    decoder: PdmDecoder,
+) -> None:
+    if ping.truth is None:
+        raise RecordingError(
+            f"{recording.path}: ping {ping.frame.ping_index} has no truth: nothing to learn from"
+        )
+    temperature_c = 20.0 if ping.temperature_c is None else ping.temperature_c
+    scanner = build_scanner(
+        Settings(chirp, recording.info.num_words), Air(temperature_c).speed_of_sound_m_s
+    )
+    candidates = scanner.candidates(decoder.decode(ping.frame.words).audio)
+    labels = label_candidates(candidates, ping.truth)
+    for candidate, label in zip(candidates, labels, strict=True):
+        if label is not None:
+            rows.features.append(candidate.features)
+            rows.labels.append(label)
+            rows.groups.append(str(ping.truth.get("scene", ping.frame.ping_index)))
+
+
+def _figures(fitted: Fit, labels: Sequence[str], pings: int) -> dict[str, float]:
+    """Of proposals, not of dishes: cross-validated on scenes left out, at probability 0.5."""
+    truth = np.asarray(labels)
+    row = fitted.probabilities
+    said = np.asarray(fitted.classifier.classes)[row.argmax(axis=1)]
+    reported = ~np.isin(said, (NONE, UNKNOWN)) & (row.max(axis=1) >= 0.5)
+    dishes = ~np.isin(truth, (NONE, UNKNOWN))
+    right = reported & (said == truth)
+    both = dishes & ~np.isin(said, (NONE, UNKNOWN))
+    return {
+        "proposals": float(len(truth)),
+        "landmark_proposals": float(dishes.sum()),
+        "recall_right_size": round(float(right.sum() / max(dishes.sum(), 1)), 4),
+        "precision": round(float(right.sum() / max(reported.sum(), 1)), 4),
+        "false_per_ping": round(float((reported & ~right).sum() / pings), 4),
+        "size_right_if_found": round(float((said == truth)[both].mean()) if both.any() else 0.0, 4),
+    }

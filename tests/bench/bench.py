@@ -1,0 +1,44 @@
+"""How fast it is, against what a user would write and against what the machine allows.
+
+``python tests/bench/bench.py [--rounds N] [--reference FILE]``. It prints and judges; it never
+fails, as another machine, or a busy one, is no defect. One thread, one core, random order.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from pathlib import Path
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=40)
+    parser.add_argument("--reference", type=Path, help="a headerless recording of one ping")
+    args = parser.parse_args()
+    # BLAS reads these once, when numpy is first imported: hence the imports below.
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+    import numpy as np
+    import scipy
+    from contests import bench_all, demo_words
+
+    from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
+    from ertis_driver.frame import DEFAULT_NUM_WORDS
+
+    print(
+        f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, "
+        f"scipy {scipy.__version__}; one thread, one core"
+    )
+    bench_all("simulated demo scene", demo_words(DEFAULT_CHIRP), DEFAULT_CHIRP, args.rounds)
+    if args.reference:
+        words = np.fromfile(args.reference, "<u4").astype(np.uint32)[:DEFAULT_NUM_WORDS]
+        bench_all(args.reference.name, words, INCUMBENT_CHIRP, args.rounds)
+
+
+if __name__ == "__main__":
+    main()

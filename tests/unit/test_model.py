@@ -1,0 +1,251 @@
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from safetensors.numpy import save
+
+from ertis_detector.classifier import OneVersusOne
+from ertis_detector.errors import ModelError, ModelMismatch
+from ertis_detector.model import (
+    MAX_MODEL_BYTES,
+    Model,
+    ModelCard,
+    file_sha256,
+    load_model,
+    model_file_name,
+    save_model,
+    shipped_model,
+)
+from ertis_detector.paper import NUM_FEATURES
+from ertis_driver.audio_filter import FILTER_VERSION
+from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
+
+CLASSES = ("none", "r35", "r48")
+ARRAYS = ("mean", "scale", "weights", "bias", "coupling", "offset")
+CARD = ModelCard("hall-1", DEFAULT_CHIRP.name, FILTER_VERSION, "sim", "3 recordings")
+
+
+def made(**changes):
+    rng = np.random.default_rng(1)
+    arrays = {
+        "mean": rng.normal(size=NUM_FEATURES).astype(np.float32),
+        "scale": rng.uniform(0.5, 2, NUM_FEATURES).astype(np.float32),
+        "weights": rng.normal(size=(3, NUM_FEATURES)).astype(np.float32),
+        "bias": rng.normal(size=3).astype(np.float32),
+        "coupling": rng.normal(size=(3, 3)).astype(np.float32),
+        "offset": rng.normal(size=3).astype(np.float32),
+    }
+    parts = {"classes": CLASSES, **arrays, **changes}
+    return Model(OneVersusOne(**parts), replace(CARD, figures={"accuracy": 0.9}))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "hall.safetensors"
+
+
+@pytest.fixture
+def saved(path):
+    save_model(made(), path)
+    return path
+
+
+def refusal(path):
+    """The one line that says why a model is refused; it names the file."""
+    with pytest.raises(ModelError) as caught:
+        load_model(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message
+    return message
+
+
+def test_a_model_reads_back_as_it_was_written(saved):
+    model, original = load_model(saved), made()
+    assert model.card == original.card
+    assert model.classes == CLASSES
+    assert model.name == "hall-1"
+    features = np.random.default_rng(2).normal(size=(50, NUM_FEATURES)).astype(np.float32)
+    np.testing.assert_array_equal(
+        model.classifier.probabilities(features), original.classifier.probabilities(features)
+    )
+
+
+def test_saving_replaces_the_file_and_leaves_nothing_beside_it(saved):
+    save_model(made(bias=np.full(3, 2.0, np.float32)), saved)
+    assert np.all(load_model(saved).classifier.bias == 2.0)
+    assert [p.name for p in saved.parent.iterdir()] == [saved.name]
+
+
+def test_an_absent_file_is_refused(path):
+    assert "No such file" in refusal(path)
+
+
+def test_a_folder_is_refused(tmp_path):
+    refusal(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\0", b"PK\3\4 something else", b"\xff" * 4000])
+def test_a_foreign_file_is_refused(path, content):
+    path.write_bytes(content)
+    assert "not a safetensors file" in refusal(path)
+
+
+def test_a_pickle_is_refused_and_not_run(path, tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "ran"), "w"))
+
+    path.write_bytes(pickle.dumps(Trap()))
+    assert "not a safetensors file" in refusal(path)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_safetensors_of_somebody_else_are_refused(path):
+    path.write_bytes(save({"mean": np.zeros(3, np.float32)}, {"format": "pt"}))
+    assert "'pt'" in refusal(path)
+    path.write_bytes(save({"mean": np.zeros(3, np.float32)}))
+    assert "expected 'ertis-model/1'" in refusal(path)
+
+
+@pytest.mark.parametrize("part", [0.01, 0.1, 0.5, 0.9, 0.999])
+def test_a_file_cut_anywhere_is_refused(saved, part):
+    data = saved.read_bytes()
+    saved.write_bytes(data[: int(len(data) * part)])
+    refusal(saved)
+
+
+def test_a_file_with_something_after_its_end_is_refused(saved):
+    saved.write_bytes(saved.read_bytes() + b"more")
+    refusal(saved)
+
+
+def test_a_turned_bit_is_refused_or_leaves_a_model_that_can_be_used(saved):
+    data = saved.read_bytes()
+    rng = np.random.default_rng(3)
+    features = rng.normal(size=(4, NUM_FEATURES)).astype(np.float32)
+    refused = 0
+    for _ in range(400):
+        place, bit = int(rng.integers(len(data))), int(rng.integers(8))
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << bit
+        saved.write_bytes(damaged)
+        try:
+            model = load_model(saved)
+        except ModelError as error:
+            assert "\n" not in str(error)  # noqa: PT017
+            refused += 1
+            continue
+        with np.errstate(over="ignore", invalid="ignore"):
+            assert model.classifier.probabilities(features).shape == (4, len(model.classes))
+    assert refused > 20
+
+
+def test_a_file_too_large_is_refused_unread(path):
+    path.write_bytes(b"\0" * (MAX_MODEL_BYTES + 1))
+    assert f"at most {MAX_MODEL_BYTES}" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"weights": np.full((3, NUM_FEATURES), np.nan, np.float32)}, "weights"),
+        ({"bias": np.full(3, np.inf, np.float32)}, "bias"),
+        ({"weights": np.zeros((3, 7), np.float32)}, "weights"),
+        ({"weights": np.zeros((4, NUM_FEATURES), np.float32)}, "weights"),
+        ({"mean": np.zeros(NUM_FEATURES)}, "float64"),
+        ({"scale": np.zeros(NUM_FEATURES, np.float32)}, "not above 0"),
+        ({"coupling": np.zeros((3, 4), np.float32)}, "coupling"),
+        ({"offset": np.full(3, np.nan, np.float32)}, "offset"),
+        ({"classes": ("none",)}, "classes"),
+        ({"classes": ("r35", "r48", "r58")}, "classes"),
+        ({"classes": ("none", "r35", "r35")}, "classes"),
+    ],
+)
+def test_arrays_that_make_no_classifier_are_refused(path, changes, told):
+    save_model(made(**changes), path)
+    assert told in refusal(path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"classes": "not json"},
+        {"classes": "3"},
+        {"classes": "[1, 2, 3]"},
+        {"card": "{}"},
+        {"card": "[]"},
+        {"card": json.dumps({"name": "x", "surprise": 1})},
+        {"card": "7"},
+    ],
+)
+def test_damaged_metadata_are_refused(path, changes):
+    classifier = made().classifier
+    arrays = {name: getattr(classifier, name) for name in ARRAYS}
+    card = {"name": "x", "chirp": "c", "audio_filter": "f", "source": "sim", "data": "d"}
+    metadata = {
+        "format": "ertis-model/1",
+        "classes": json.dumps(CLASSES),
+        "card": json.dumps(card),
+    }
+    path.write_bytes(save(arrays, metadata))
+    assert load_model(path).name == "x"
+    path.write_bytes(save(arrays, {**metadata, **changes}))
+    assert "metadata is damaged" in refusal(path)
+
+
+@pytest.mark.parametrize("key", ["classes", "card"])
+def test_absent_metadata_are_refused(path, key):
+    classifier = made().classifier
+    arrays = {name: getattr(classifier, name) for name in ARRAYS}
+    whole = {"classes": "[]", "card": "{}"}
+    metadata = {k: v for k, v in whole.items() if k != key}
+    path.write_bytes(save(arrays, {"format": "ertis-model/1", **metadata}))
+    assert key in refusal(path)
+
+
+def test_a_model_takes_the_device_it_was_trained_for():
+    made().check(chirp=DEFAULT_CHIRP.name, audio_filter=FILTER_VERSION)
+
+
+@pytest.mark.parametrize(
+    ("met", "expected"),
+    [
+        ({"chirp": INCUMBENT_CHIRP.name}, DEFAULT_CHIRP.name),
+        ({"audio_filter": "butter6"}, FILTER_VERSION),
+    ],
+)
+def test_a_model_of_another_device_names_both(met, expected):
+    fits = {"chirp": DEFAULT_CHIRP.name, "audio_filter": FILTER_VERSION}
+    with pytest.raises(ModelMismatch) as caught:
+        made().check(**{**fits, **met})
+    assert expected in str(caught.value)
+    assert next(iter(met.values())) in str(caught.value)
+
+
+def test_features_of_another_version_do_not_fit():
+    old = Model(made().classifier, replace(CARD, features="paper20-db-0"))
+    with pytest.raises(ModelMismatch, match="paper20-db-0"):
+        old.check(chirp=DEFAULT_CHIRP.name, audio_filter=FILTER_VERSION)
+
+
+def test_a_chirp_without_a_shipped_model_is_named_with_what_to_do():
+    with pytest.raises(ModelMismatch, match=r"linear:90000:30000:0\.001.*ertis train"):
+        shipped_model("linear:90000:30000:0.001")
+
+
+def test_the_default_chirps_shipped_model_loads_and_fits():
+    model = load_model(shipped_model(DEFAULT_CHIRP.name))
+    model.check(chirp=DEFAULT_CHIRP.name, audio_filter=FILTER_VERSION)
+    assert {"none", "r35", "r48", "r58", "r70"} <= set(model.classes)
+
+
+def test_file_names_hold_no_colon():
+    assert ":" not in model_file_name(DEFAULT_CHIRP.name)
+
+
+def test_the_sha256_is_that_of_the_content(path):
+    path.write_bytes(b"abc")
+    assert file_sha256(path).startswith("ba7816bf8f01cfea")

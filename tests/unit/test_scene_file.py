@@ -1,0 +1,175 @@
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from ertis_driver.chirp import DEFAULT_CHIRP
+from ertis_simulator.dataset import MAX_AZIMUTH_RAD, RANGE_M, random_scene
+from ertis_simulator.errors import SceneError
+from ertis_simulator.scene_file import MAX_SCENE_BYTES, load_scene
+
+CHIRP = DEFAULT_CHIRP.samples(450e3)
+NUM_WORDS = 65_530  # a multiple of 10
+LANDMARK = "landmarks: [{radius_mm: 48, x_m: 2.0, y_m: 0.0}]\n"
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    def write(text):
+        path = tmp_path / "hall.yaml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def demo():
+    with resources.as_file(resources.files("ertis_simulator") / "scenes/demo.yaml") as path:
+        return load_scene(path)
+
+
+def refusal(path):
+    """The one line that says why a scene file is refused; it names the file."""
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert path.name in message
+    return message
+
+
+def test_the_demo_holds_the_four_landmarks_in_sight(demo):
+    assert [item.label for item in demo.dishes] == ["r35", "r48", "r58", "r70"]
+    assert all(item.is_landmark for item in demo.dishes)
+    told = demo.truth(0)["landmarks"]
+    assert all(item["visible"] for item in told)
+    assert told[0]["range_m"] == pytest.approx(np.hypot(1.55, 0.62), abs=1e-4)
+    assert told[0]["azimuth_rad"] == pytest.approx(np.arctan2(0.62, 1.55), abs=1e-4)
+
+
+def test_a_scene_in_degrees_is_a_scene_in_radians(scene_file):
+    text = "sonar: {heading_deg: 90, turn_deg_s: 180, ping_period_s: 0.5, velocity_m_s: [1, 0]}\n"
+    scene = load_scene(scene_file(text + LANDMARK))
+    assert scene.start.yaw_rad == pytest.approx(np.pi / 2)
+    assert scene.pose(1).yaw_rad == pytest.approx(np.pi)
+    assert scene.pose(2).position_m == pytest.approx((1.0, 0.0, 0.5))
+    assert scene.truth(0)["landmarks"][0]["azimuth_rad"] == pytest.approx(-np.pi / 2, abs=1e-4)
+    assert scene.name == "hall"
+
+
+def test_a_decoy_is_no_landmark(scene_file):
+    text = "decoys: [{name: cup, radius_mm: 40, depth_mm: 80, x_m: 1, y_m: 0}]\n"
+    scene = load_scene(scene_file(text))
+    assert [(item.label, item.is_landmark) for item in scene.dishes] == [("cup", False)]
+    assert scene.truth(0)["landmarks"] == []
+    assert scene.truth(0)["decoys"][0]["label"] == "cup"
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "nearest"),
+    [
+        ("landmark: []\n", "landmark", "landmarks"),
+        ("room: {wall_reflexion: 0.5}\n", "room.wall_reflexion", "wall_reflection"),
+        ("sonar: {heigth_m: 1}\n", "sonar.heigth_m", "height_m"),
+        ("landmarks: [{radius: 48, x_m: 1, y_m: 0}]\n", "landmarks[0].radius", "radius_mm"),
+        ("air: {temperature: 3}\n", "air.temperature", "temperature_c"),
+    ],
+)
+def test_an_unknown_key_names_the_nearest_known_one(scene_file, text, where, nearest):
+    message = refusal(scene_file(text))
+    assert f"{where}: unknown key, did you mean '{nearest}'?" in message
+
+
+def test_an_unknown_key_like_no_other_lists_the_known_ones(scene_file):
+    assert "known: " in refusal(scene_file("zzz: 1\n"))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "expected a mapping"),
+        ("- 1\n", "expected a mapping"),
+        ("room: 3\n", "room: met 3, expected a mapping"),
+        ("sonar: {x_m: wide}\n", "sonar.x_m: met 'wide', expected a number"),
+        ("sonar: {x_m: .nan}\n", "sonar.x_m: met nan, expected a number"),
+        ("sonar: {x_m: true}\n", "sonar.x_m: met True, expected a number"),
+        ("room: {x_m: [1]}\n", "room.x_m: met [1], expected two numbers"),
+        ("room: {x_m: [1, a]}\n", "expected two numbers"),
+        ("landmarks: 3\n", "landmarks: met 3, expected a list"),
+        ("landmarks: [7]\n", "landmarks[0]: met 7, expected a mapping"),
+        ("landmarks: [{radius_mm: 50, x_m: 1, y_m: 0}]\n", "expected one of 35, 48, 58, 70"),
+        ("landmarks: [{x_m: 1, y_m: 0}]\n", "landmarks[0].radius_mm: met None"),
+        ("decoys: [{radius_mm: 50, depth_mm: 200, x_m: 1, y_m: 0}]\n", "decoys[0].depth_mm"),
+        ("decoys: [{radius_mm: 0, x_m: 1, y_m: 0}]\n", "decoys[0]"),
+        ("decoys: [{radius_mm: -5, depth_mm: 2, x_m: 1, y_m: 0}]\n", "decoys[0]"),
+        ("clutter_per_m2: -1\n", "clutter_per_m2"),
+        ("clutter_per_m2: 1.0e+14\n", "clutter_per_m2"),
+        ("seed: -1\n", "seed"),
+        ("room: {x_m: [5, -2]}\nclutter_per_m2: 1\n", "room.x_m"),
+        ("air: {temperature_c: -400}\n", "air.temperature_c"),
+        ("sonar: {ping_period_s: -1}\n", "sonar.ping_period_s"),
+        ("a: [1\n", "not YAML"),
+        ("a: \tb\n", "not YAML"),
+        (b"\xff\xfe\x00", "is not text"),
+        ("x" * (MAX_SCENE_BYTES + 1), "larger than"),
+    ],
+)
+def test_each_kind_of_bad_file_is_refused_in_one_clear_line(scene_file, text, told):
+    assert told in refusal(scene_file(text))
+
+
+def test_deep_nesting_is_refused_too(scene_file):
+    refusal(scene_file("[" * 30_000))
+
+
+def test_an_absent_file_is_refused(tmp_path):
+    assert "No such file" in refusal(tmp_path / "none.yaml")
+
+
+def test_the_same_ping_of_a_scene_is_the_same_to_the_last_bit(demo):
+    once, again = (demo.hear(3, NUM_WORDS, CHIRP) for _ in range(2))
+    assert once.dtype == np.uint32
+    assert once.shape == (NUM_WORDS,)
+    np.testing.assert_array_equal(once, again)
+
+
+def test_even_where_nothing_moves_no_two_pings_are_the_same(scene_file):
+    still = load_scene(scene_file(LANDMARK))
+    assert still.truth(0)["landmarks"] == still.truth(1)["landmarks"]
+    assert np.mean(still.hear(0, NUM_WORDS, CHIRP) != still.hear(1, NUM_WORDS, CHIRP)) > 0.9
+
+
+@pytest.mark.parametrize("num_words", [32_768, 65_536, 163_840])
+def test_a_scene_is_heard_for_as_many_words_as_the_firmware_would_send(demo, num_words):
+    assert demo.hear(0, num_words, CHIRP).shape == (num_words,)
+
+
+def test_another_ping_sounds_different(demo):
+    once, other = demo.hear(3, NUM_WORDS, CHIRP), demo.hear(4, NUM_WORDS, CHIRP)
+    assert np.mean(once != other) > 0.9
+
+
+def test_a_random_scene_is_the_same_for_the_same_number():
+    once, again, other = random_scene(1, 5), random_scene(1, 5), random_scene(1, 6)
+    assert once.dishes == again.dishes
+    assert once.room == again.room
+    np.testing.assert_array_equal(once.clutter.positions_m, again.clutter.positions_m)
+    np.testing.assert_array_equal(once.hear(0, 32_760, CHIRP), again.hear(0, 32_760, CHIRP))
+    assert once.room != other.room
+    assert once.room != random_scene(2, 5).room
+
+
+def test_random_scenes_hold_landmarks_within_reach_and_decoys_of_other_shapes():
+    scenes = [random_scene(3, number) for number in range(120)]
+    with_landmarks = [any(item.is_landmark for item in scene.dishes) for scene in scenes]
+    assert 0.6 < np.mean(with_landmarks) < 0.9
+    for scene in scenes:
+        for item in scene.dishes:
+            x, y, _ = item.vertex_m
+            assert RANGE_M[0] <= np.hypot(x, y) <= RANGE_M[1]
+            assert abs(np.arctan2(y, x)) <= MAX_AZIMUTH_RAD
+            assert scene.room.x_m[0] < x < scene.room.x_m[1]
+            assert scene.room.y_m[0] < y < scene.room.y_m[1]
+            ratio = item.dish.depth_m / item.dish.aperture_radius_m
+            assert (abs(ratio - 0.6) < 1e-9) == item.is_landmark
