@@ -67,7 +67,7 @@ def apart(proposals, places):
         [(1.5, 0.0, 0.0), (1.5, 30.0, 0.0)],
         [(1.2, -20.0, 0.0), (2.0, 25.0, 0.0)],
         [(2.0, 10.0, 0.0), (2.3, 10.0, 0.0)],
-        [(1.0, -40.0, 0.0), (3.5, 5.0, 0.0)],
+        [(1.0, -40.0, 0.0), (3.0, 5.0, 0.0)],
     ],
 )
 def test_two_reflectors_give_two_proposals_and_none_for_their_sidelobes(bench, places):
