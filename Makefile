@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 ERTIS := $(VENV)/bin/ertis
 STAMP := $(VENV)/.installed
-TRAINING_PINGS ?= 2400
+TRAINING_PINGS ?= 2000
 
 .PHONY: setup run test check bench models clean
 

@@ -68,13 +68,17 @@ class PdmDecoder:
         )
         self._sums = np.empty((BLOCKS_PER_CHUNK, OUTPUTS_PER_BLOCK, NUM_MICS), np.float32)
 
-    def decode(self, words: npt.NDArray[np.uint32]) -> DecodedAudio:
+    def decode(
+        self, words: npt.NDArray[np.uint32], out: npt.NDArray[np.float32] | None = None
+    ) -> DecodedAudio:
         """Decimate one frame by 10, mending what is known to be corrupt.
 
         Parameters
         ----------
         words : uint32, shape (num_words,)
             ``num_words`` a multiple of 10.
+        out : float32, shape (32, num_words // 10), C-contiguous
+            Written and returned instead of fresh memory, which costs a sixth of the decoding.
 
         Returns
         -------
@@ -84,29 +88,33 @@ class PdmDecoder:
         Raises
         ------
         ValueError
-            If ``words`` is of another type or shape.
+            If ``words`` or ``out`` is of another type or shape.
         """
         if words.dtype != np.uint32 or words.ndim != 1 or words.size % DECIMATION:
             raise ValueError(
                 f"PDM words: met {words.dtype} of shape {words.shape}, expected uint32 of shape "
                 f"(n,) with n a multiple of {DECIMATION}"
             )
-        audio = self._decimate(words)
+        shape = (NUM_MICS, words.size // DECIMATION)
+        audio = np.empty(shape, np.float32) if out is None else out
+        if audio.shape != shape or audio.dtype != np.float32:
+            raise ValueError(
+                f"out: met {audio.dtype} of shape {audio.shape}, expected float32 of shape {shape}"
+            )
+        self._decimate(words, audio)
         corrupt = find_corrupt_bits(words, audio)
         for position, bits in corrupt.items():
             self._mend(audio, words[position], position, bits)
         return DecodedAudio(audio, len(corrupt))
 
-    def _decimate(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
-        num_out = words.size // DECIMATION
-        audio = np.empty((NUM_MICS, num_out), np.float32)
+    def _decimate(self, words: npt.NDArray[np.uint32], audio: npt.NDArray[np.float32]) -> None:
+        num_out = audio.shape[1]
         octets = words.view(np.uint8).reshape(words.size, 4)
         for first_out in range(0, num_out, BLOCKS_PER_CHUNK * OUTPUTS_PER_BLOCK):
             self._expand(octets, first_out * DECIMATION - _LEAD)
             np.matmul(self._matrix, self._blocks, out=self._sums)
             flat = self._sums.reshape(-1, NUM_MICS)[: num_out - first_out]
             audio[:, first_out : first_out + len(flat)] = flat.T
-        return audio
 
     def _expand(self, octets: npt.NDArray[np.uint8], first: int) -> None:
         """Fill the bit buffer with words ``first ...``; silence where there are none."""

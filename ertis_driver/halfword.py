@@ -53,7 +53,7 @@ def _wrong_bits(word: int, position: int, audio: npt.NDArray[np.float32]) -> lis
     tap = position - np.arange(first, last) * DECIMATION + TAPS.size // 2 - 1
     response = np.where((tap >= 0) & (tap < TAPS.size), TAPS[np.clip(tap, 0, TAPS.size - 1)], 0)
     template = np.diff(response / UNITY, _HIGH_PASS_ORDER)
-    heard = np.diff(audio[:, first:last], _HIGH_PASS_ORDER, axis=1)
+    heard = np.diff(audio[:, first:last], _HIGH_PASS_ORDER)
     amplitude = heard @ template / (template @ template)  # in bits: +-2 where one is wrong
     energy = amplitude**2
     if energy[_HALF:].sum() < _ENERGY_RATIO * max(float(energy[:_HALF].sum()), 1.0):

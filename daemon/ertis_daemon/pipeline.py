@@ -12,7 +12,7 @@ import numpy as np
 from ertis_daemon.config import Config
 from ertis_detector.detection import Detection
 from ertis_driver.device import Settings
-from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, PdmFrame
+from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PdmFrame
 
 if TYPE_CHECKING:
     from ertis_detector.detector import LandmarkDetector, Scanner
@@ -80,13 +80,17 @@ class DetectorPipeline:
         self._decoder = decoder
         self._detector = detector
         self._tracker = tracker
+        self._audio = np.empty((NUM_MICS, 0), np.float32)  # every ping's: fresh memory is slow
         self.model_name = model_name
         self.classes = classes
 
     def process(self, frame: PdmFrame) -> Heard:
         """Tracks after this ping."""
         whole = frame.words.size - frame.words.size % DECIMATION  # 32768 is no multiple of 10
-        decoded = self._decoder.decode(frame.words[:whole])
+        words = frame.words[:whole]
+        if self._audio.shape[1] != words.size // DECIMATION:
+            self._audio = np.empty((NUM_MICS, words.size // DECIMATION), np.float32)
+        decoded = self._decoder.decode(words, self._audio)
         detections = self._detector.detect(decoded.audio)
         tracks = self._tracker.update(detections, frame.ping_time_ns)
         return Heard(tracks, decoded.half_words_repaired)
@@ -121,7 +125,7 @@ def build_pipeline(config: Config, settings: Settings) -> DetectorPipeline:
         build_scanner(settings, config.speed_of_sound_m_s),
         chirp=chirp.name,
         audio_filter=FILTER_VERSION,
-        min_probability=config.detector.min_probability,
+        min_probability=config.detector.min_probability or None,
     )
     return DetectorPipeline(
         PdmDecoder(), detector, Tracker(), model_name=model.name, classes=tuple(model.classes)

@@ -22,6 +22,8 @@ from ertis_driver.device import Settings
 from ertis_driver.errors import RecordingError
 from ertis_driver.recording import RecordedPing, Recording, open_recording
 
+LEAST_PRECISION = 0.75  # a wrong landmark is worse than none: three reports in four are right
+
 
 @dataclass(slots=True)
 class TrainingRows:
@@ -64,6 +66,7 @@ def train(
         fitted = fit(np.stack(rows.features), rows.labels, rows.groups)
     except ValueError as error:
         raise RecordingError(f"too little to train on in {pings} pings: {error}") from error
+    least = _least_probability(fitted, rows.labels)
     sources = sorted({recording.info.source for recording in recordings})
     digests = ", ".join(
         f"{recording.info.address} sha256 {file_sha256(path)[:16]}"
@@ -75,7 +78,8 @@ def train(
         audio_filter=FILTER_VERSION,
         source="+".join(sources),
         data=f"{pings} pings: {digests}",
-        figures=_figures(fitted, rows.labels, pings),
+        min_probability=least,
+        figures=_figures(fitted, rows.labels, pings, least),
     )
     return Model(fitted.classifier, card)
 
@@ -119,14 +123,32 @@ def _learn(
             rows.groups.append(str(ping.truth.get("scene", ping.frame.ping_index)))
 
 
-def _figures(fitted: Fit, labels: Sequence[str], pings: int) -> dict[str, float]:
-    """Of proposals, not of dishes: cross-validated on scenes left out, at probability 0.5."""
-    truth = np.asarray(labels)
+def _least_probability(fitted: Fit, labels: Sequence[str]) -> float:
+    """Lowest threshold from 0.5 on at which enough reports of unseen scenes are right."""
+    thresholds = np.round(np.arange(0.5, 0.96, 0.01), 2)
+    for threshold in thresholds:
+        reported, right = _reports(fitted, labels, float(threshold))
+        if right.sum() >= LEAST_PRECISION * reported.sum():
+            return float(threshold)
+    return float(thresholds[-1])
+
+
+def _reports(
+    fitted: Fit, labels: Sequence[str], threshold: float
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Which rows would be reported as a landmark, and which of them rightly."""
     row = fitted.probabilities
     said = np.asarray(fitted.classifier.classes)[row.argmax(axis=1)]
-    reported = ~np.isin(said, (NONE, UNKNOWN)) & (row.max(axis=1) >= 0.5)
+    reported = ~np.isin(said, (NONE, UNKNOWN)) & (row.max(axis=1) >= threshold)
+    return reported, reported & (said == np.asarray(labels))
+
+
+def _figures(fitted: Fit, labels: Sequence[str], pings: int, threshold: float) -> dict[str, float]:
+    """Of proposals, not of dishes: cross-validated on scenes left out."""
+    truth = np.asarray(labels)
+    said = np.asarray(fitted.classifier.classes)[fitted.probabilities.argmax(axis=1)]
+    reported, right = _reports(fitted, labels, threshold)
     dishes = ~np.isin(truth, (NONE, UNKNOWN))
-    right = reported & (said == truth)
     both = dishes & ~np.isin(said, (NONE, UNKNOWN))
     return {
         "proposals": float(len(truth)),

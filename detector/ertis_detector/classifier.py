@@ -63,7 +63,8 @@ class Fit:
     """A classifier and what cross-validation says of it.
 
     probabilities : float32, shape (n, num_classes)
-        For each training row, from a classifier and a coupling that saw none of its scene.
+        For each training row, from pair classifiers that saw none of its scene, and a coupling
+        fitted without it.
     """
 
     classifier: OneVersusOne

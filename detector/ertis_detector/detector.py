@@ -21,6 +21,7 @@ MIN_SNR_DB = 14.0
 # Beyond the first null of the emitter's beam a spectrum says more of the beam than of the dish, and
 # a landmark hangs about as high as the sonar: what lies far above or below is floor and ceiling.
 MAX_AZIMUTH_RAD, MAX_ELEVATION_RAD = np.deg2rad(30.0), np.deg2rad(12.0)
+MAX_RANGE_M = 4.6  # models are trained on landmarks up to 4.5 m
 SENSOR_BAND_HZ = (20e3, 90e3)  # beyond it transducer and microphones leave nothing of the chirp
 # The two-bounce ring, not the vertex, is the peak: (sqrt(2) - 1) R behind it, R = 1.1333 a.
 RING_OFFSET = (np.sqrt(2) - 1) * 1.1333
@@ -111,7 +112,9 @@ class Scanner:
         places = [
             at
             for at in locate(self.focus, baseband, proposals)
-            if abs(at.azimuth_rad) <= MAX_AZIMUTH_RAD and abs(at.elevation_rad) <= MAX_ELEVATION_RAD
+            if abs(at.azimuth_rad) <= MAX_AZIMUTH_RAD
+            and abs(at.elevation_rad) <= MAX_ELEVATION_RAD
+            and at.range_m <= MAX_RANGE_M
         ]
         if not places:
             return []
@@ -140,7 +143,7 @@ class LandmarkDetector:
     chirp, audio_filter : str
         What the device emits and how its sound was decimated; they must be the model's.
     min_probability : float
-        A landmark is reported from this probability on.
+        A landmark is reported from this probability on; None for the model's own.
 
     Raises
     ------
@@ -154,10 +157,12 @@ class LandmarkDetector:
         *,
         chirp: str,
         audio_filter: str,
-        min_probability: float = 0.5,
+        min_probability: float | None = None,
     ) -> None:
         model.check(chirp=chirp, audio_filter=audio_filter)
-        self.model, self.scanner, self.min_probability = model, scanner, min_probability
+        self.model, self.scanner = model, scanner
+        own = model.card.min_probability
+        self.min_probability = own if min_probability is None else min_probability
 
     def detect(self, audio: npt.NDArray[np.float32]) -> list[Detection]:
         """Landmarks in one ping, most probable first.

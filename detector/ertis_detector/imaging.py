@@ -16,6 +16,7 @@ MAX_AZIMUTH_RAD = np.deg2rad(60.0)
 MIN_RANGE_M = 0.5
 # Kept from the chirp's own duration: nothing nearer than this can be told from the direct path.
 _EDGE_SAMPLES = 96
+_CELLS_PER_CHUNK = 256  # delayed rows of 2.5 MB: they stay in cache
 
 Complex = npt.NDArray[np.complex64]
 Float = npt.NDArray[np.float64]
@@ -41,6 +42,8 @@ def plane() -> tuple[Float, Float]:
 
 class MatchedFilter:
     """Correlates audio with the chirp; the result is complex, at 450 kHz, around zero frequency.
+
+    Not for use by two threads at once.
 
     Parameters
     ----------
@@ -69,22 +72,28 @@ class MatchedFilter:
         # correlation free of wrap-around, as the chirp is no longer than the blank.
         self.blank = chirp.size + _EDGE_SAMPLES
         self._fade = np.zeros(self.blank, np.float32)
+        # Kept from ping to ping: fresh memory costs more than the arithmetic on it.
+        self._faded = np.empty((0, num_samples), np.float32)
+        self._kept = np.zeros((0, num_samples), np.complex64)
         ramp = np.arange(_EDGE_SAMPLES) / _EDGE_SAMPLES
         self._fade[-_EDGE_SAMPLES:] = np.sin(np.pi / 2 * ramp) ** 2
 
     def __call__(self, audio: npt.NDArray[np.float32]) -> Complex:
         """Compress ``audio``, float32 (num_mics, num_samples), to complex64 of the same shape."""
-        faded = audio.copy()
-        faded[:, : self.blank] *= self._fade
+        if len(self._kept) != len(audio):
+            self._faded = np.empty_like(audio)
+            self._kept = np.zeros((len(audio), self.num_samples), np.complex64)
+        faded, kept = self._faded, self._kept
+        np.multiply(audio[:, : self.blank], self._fade, out=faded[:, : self.blank])
+        faded[:, self.blank :] = audio[:, self.blank :]
         spectrum = scipy.fft.rfft(faded, axis=1)
-        kept = np.zeros((audio.shape[0], self.num_samples), np.complex64)
         first, count = int(self._bins[0]), self._bins.size
         middle = self.carrier_bin - first
         above = spectrum[:, self.carrier_bin : first + count]
         np.multiply(above, self._weight[middle:], out=kept[:, : count - middle])
         below = spectrum[:, first : self.carrier_bin]
         np.multiply(below, self._weight[:middle], out=kept[:, -middle:])
-        return np.asarray(scipy.fft.ifft(kept, axis=1, overwrite_x=True))
+        return np.asarray(scipy.fft.ifft(kept, axis=1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,9 +181,12 @@ class Imager:
             .reshape(num_mics, self._columns, RANGE_STRIDE)
             .transpose(0, 2, 1)
         ).ravel()
-        rows = np.lib.stride_tricks.sliding_window_view(phases, self._cells)[self._offsets]
-        beams = self._steering @ rows
-        power = beams.real**2 + beams.imag**2
+        power = np.empty((self._steering.shape[0], self._cells), np.float32)
+        for first in range(0, self._cells, _CELLS_PER_CHUNK):
+            count = min(_CELLS_PER_CHUNK, self._cells - first)
+            delayed = np.lib.stride_tricks.sliding_window_view(phases, count)
+            beams = self._steering @ delayed[self._offsets + first]
+            np.add(beams.real**2, beams.imag**2, out=power[:, first : first + count])
         return Energyscape(power, self.azimuth_rad, self.elevation_rad, self.range_m)
 
 

@@ -15,8 +15,8 @@ from ertis_detector.proposals import Proposal
 
 _WINDOW = 64  # audio samples: 142 us, the rings of one dish; 7 kHz a subband
 _HALF_PEAK = 20  # audio samples searched for the peak on either side: +-15 mm
-_ELEVATIONS_RAD = np.deg2rad(np.arange(-50.0, 51.0, 5.0))
-_STEPS_RAD = np.deg2rad(((2.0, 3.5), (1.0, 1.75), (0.5, 0.9)))
+_ELEVATIONS_RAD = np.deg2rad(np.arange(-48.0, 49.0, 8.0))
+_STEPS_RAD = np.deg2rad(((2.0, 4.0), (1.0, 2.0), (0.5, 1.0)))
 _MAX_ELEVATION_RAD = np.deg2rad(60.0)
 
 
@@ -83,8 +83,8 @@ class _Steerer:
         self._delays = focus.delays_s(points)
         pieces, residue = focus.windows(baseband, self._delays, _WINDOW // 2, _WINDOW)
         spectrum = scipy.fft.fft(pieces * hann(_WINDOW), axis=2)
-        # Beyond +-35 kHz of the carrier no chirp of this sensor has energy.
-        bins = np.arange(-5, 6)
+        # Beyond +-28 kHz of the carrier no chirp of this sensor has energy.
+        bins = np.arange(-4, 5)
         self._spacing_hz = RATE_HZ / _WINDOW
         shift = np.exp(2j * np.pi * self._spacing_hz * residue[:, :, None] * bins)
         self._spectrum = (spectrum[:, :, bins] * shift).astype(np.complex64)

@@ -35,6 +35,8 @@ class ModelCard:
         Who made the training recordings: ``live`` or ``sim``.
     data : str
         Name, size and SHA-256 of the training recordings.
+    min_probability : float
+        From here on a landmark is reported, unless the user says otherwise.
     figures : mapping
         What its cross-validation gave.
     """
@@ -44,6 +46,7 @@ class ModelCard:
     audio_filter: str
     source: str
     data: str
+    min_probability: float = 0.5
     features: str = FEATURE_VERSION
     figures: dict[str, float] = field(default_factory=dict)
 

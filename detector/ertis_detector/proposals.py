@@ -47,12 +47,12 @@ def propose(
     max_azimuth_rad : float
         Nothing further aside is proposed.
     """
-    power = scape.power.copy()
+    looked_at = np.flatnonzero(np.abs(scape.azimuth_rad) <= max_azimuth_rad)
+    azimuth_rad, power = scape.azimuth_rad[looked_at], scape.power[looked_at]
     floor = scape.noise_floor()
     weight = (scape.range_m**range_exponent).astype(np.float32)
     ranked = np.where(power >= floor * 10 ** (min_snr_db / 10), power * weight, np.float32(0))
-    ranked[np.abs(scape.azimuth_rad) > max_azimuth_rad] = 0
-    toward = unit_vectors(scape.azimuth_rad, scape.elevation_rad)
+    toward = unit_vectors(azimuth_rad, scape.elevation_rad[looked_at])
     found: list[Proposal] = []
     while len(found) < max_count:
         direction, cell = np.unravel_index(int(ranked.argmax()), ranked.shape)
@@ -62,7 +62,7 @@ def propose(
         found.append(
             Proposal(
                 float(scape.range_m[cell]),
-                float(scape.azimuth_rad[direction]),
+                float(azimuth_rad[direction]),
                 float(10 * np.log10(peak / floor)),
             )
         )

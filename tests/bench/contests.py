@@ -106,7 +106,7 @@ def bench_audio(
 
     bits = bits_of(words).astype(np.float32)
     contenders: dict[str, Callable[[], object]] = {
-        "ours, mending included": lambda: decoder.decode(words),
+        "ours, mending included": lambda: decoder.decode(words, audio),
         "user script (unpack, Butterworth, band-pass)": lambda: script.audio(words),
         "upfirdn float32, same taps, with unpacking": upfirdn,
         "upfirdn float32, same taps, bits given": lambda: scipy.signal.upfirdn(
@@ -166,7 +166,7 @@ def bench_stages(words: np.ndarray, chirp: Chirp, rounds: int, rng: np.random.Ge
     _, scape = scanner.image(audio)
     heard = pipeline.process(frame)
     contenders: dict[str, Callable[[], object]] = {
-        "PDM to audio": lambda: decoder.decode(words),
+        "PDM to audio": lambda: decoder.decode(words, audio),
         "  of it the search for corrupt half-words": lambda: find_corrupt_bits(words, audio),
         "matched filter and energyscape": lambda: scanner.image(audio),
         "proposals": lambda: propose(scape, max_count=12, min_snr_db=14.0),

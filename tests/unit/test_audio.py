@@ -171,3 +171,13 @@ def test_mending_lowers_the_click(planted):
     mended = PdmDecoder().decode(corrupt).audio
     damage = decimated_in_int64(corrupt) / UNITY - clean
     assert np.sum((mended - clean) ** 2) < 0.2 * np.sum(damage**2)
+
+
+def test_decoding_into_given_memory_gives_the_same_and_the_wrong_memory_is_refused():
+    words = np.random.default_rng(8).integers(0, 2**32, 4_000, dtype=np.uint32)
+    out = np.full((32, 400), np.nan, np.float32)
+    decoded = PdmDecoder().decode(words, out)
+    assert decoded.audio is out
+    assert np.array_equal(out, PdmDecoder().decode(words).audio)
+    with pytest.raises(ValueError, match=r"expected float32 of shape \(32, 400\)"):
+        PdmDecoder().decode(words, np.empty((32, 399), np.float32))

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from ertis_driver.device import Settings
     from ertis_driver.recording import RecordedPing, Recording
 
+_SAID = {"sim": "simulated", "replay": "recorded"}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the flags."""
@@ -24,7 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reflectors", type=int, default=0, metavar="N", help="name the N strongest echoes too"
     )
     parser.add_argument("--model", metavar="FILE", help="default: the one shipped for the chirp")
-    parser.add_argument("--min-probability", type=float, default=0.5, metavar="P")
+    parser.add_argument(
+        "--min-probability", type=float, default=0.0, metavar="P", help="0: the model's own"
+    )
     parser.add_argument(
         "--chirp",
         metavar="KIND:START:STOP:SECONDS",
@@ -60,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         }
         picture = args.plot if number == 0 else None
         if args.reflectors or picture:
-            title = f"{args.file.name}, ping {ping.frame.ping_index} ({source})"
+            title = f"{args.file.name}, ping {ping.frame.ping_index} ({_SAID[source]})"
             line["reflectors"] = _look(
                 ping, settings, config, args.reflectors, line, picture, title
             )

@@ -35,5 +35,7 @@ def run(args: argparse.Namespace) -> int:
         print(file=sys.stderr)
     path = args.output / model_file_name(model.card.chirp) if args.output.is_dir() else args.output
     save_model(model, path)
-    print(json.dumps({"model": str(path), "source": model.card.source, **model.card.figures}))
+    card = model.card
+    said = {"model": str(path), "source": card.source, "min_probability": card.min_probability}
+    print(json.dumps({**said, **card.figures}))
     return 0

@@ -1,0 +1,141 @@
+"""The commands that make and read recordings: simulate, detect, train."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ertis_daemon.chirp_guess import guess_chirp
+from ertis_daemon.cli import main
+from ertis_driver.audio import PdmDecoder
+from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP, Chirp
+from ertis_driver.recording import open_recording
+from ertis_simulator.dataset import random_scene
+
+SCENE = """\
+seed: 3
+room: {x_m: [-1.0, 6.0], y_m: [-3.0, 3.0]}
+landmarks:
+  - {radius_mm: 70, x_m: 2.0, y_m: 0.2, height_m: 0.5, facing_deg: 185}
+"""
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "room.yaml").write_text(SCENE)
+    path = folder / "room.mcap"
+    assert main(["simulate", str(folder / "room.yaml"), "-n", "2", "-o", str(path)]) == 0
+    return path
+
+
+def error_of(capsys):
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+def test_a_simulated_recording_says_so_and_holds_its_truth(recording):
+    opened = open_recording(recording)
+    assert opened.info.source == "sim"
+    truths = [ping.truth for ping in opened]
+    assert [truth["landmarks"][0]["label"] for truth in truths] == ["r70", "r70"]
+
+
+def test_detect_prints_one_object_a_ping_with_the_landmark_and_the_echoes(recording, capsys):
+    assert main(["detect", str(recording), "--json", "--reflectors", "3"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["ping_index"] for line in lines] == [0, 1]
+    for line in lines:
+        assert line["source"] == "sim"
+        assert len(line["reflectors"]) == 3
+        at = min(line["reflectors"], key=lambda spot: abs(spot["range_m"] - 2.04))
+        assert at["range_m"] == pytest.approx(2.04, abs=0.02)
+        assert at["azimuth_rad"] == pytest.approx(0.0997, abs=0.02)
+        assert set(at) == {"range_m", "azimuth_rad", "elevation_rad", "level_db"}
+        levels = [spot["level_db"] for spot in line["reflectors"]]
+        assert levels == sorted(levels, reverse=True)
+
+
+def test_detect_draws_a_picture(recording, tmp_path, capsys):
+    picture = tmp_path / "ping.png"
+    assert main(["detect", str(recording), "--plot", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert capsys.readouterr().out.count("[sim]") == 2
+
+
+def test_a_raw_file_is_read_by_the_chirp_heard_in_it(tmp_path, capsys):
+    path = tmp_path / "ping.bin"
+    random_scene(5, 1).hear(0, 163_840, INCUMBENT_CHIRP.samples(450e3)).tofile(path)
+    assert main(["detect", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["chirp"] == INCUMBENT_CHIRP.name
+
+
+@pytest.mark.parametrize("chirp", [DEFAULT_CHIRP, INCUMBENT_CHIRP, None])
+def test_the_direct_path_tells_the_chirp(chirp):
+    words = random_scene(5, 2).hear(0, 163_840, chirp.samples(450e3) if chirp else None)
+    assert guess_chirp(PdmDecoder().decode(words).audio) == chirp
+
+
+def test_a_chirp_without_a_model_is_refused_in_one_line(tmp_path, capsys):
+    path = tmp_path / "ping.bin"
+    np.zeros(163_840, "<u4").tofile(path)
+    assert main(["detect", str(path), "--chirp", "linear:90000:30000:0.001"]) == 1
+    assert "no model ships for chirp linear:90000:30000:0.001" in error_of(capsys)
+
+
+def test_a_model_for_another_chirp_is_refused_in_one_line(recording, capsys):
+    from ertis_detector.model import shipped_model
+
+    model = str(shipped_model(INCUMBENT_CHIRP.name))
+    assert main(["detect", str(recording), "--model", model]) == 1
+    line = error_of(capsys)
+    assert DEFAULT_CHIRP.name in line
+    assert INCUMBENT_CHIRP.name in line
+
+
+def test_a_foreign_file_is_refused_in_one_line(tmp_path, capsys):
+    path = tmp_path / "notes.txt"
+    path.write_text("no ping at all")
+    assert main(["detect", str(path)]) == 1
+    assert "notes.txt" in error_of(capsys)
+
+
+def test_a_recording_cut_short_is_refused_in_one_line_after_what_is_whole(
+    recording, tmp_path, capsys
+):
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(recording.read_bytes()[:900_000])
+    assert main(["detect", str(path), "--json"]) == 1
+    captured = capsys.readouterr()
+    assert len(captured.out.splitlines()) == 1
+    assert len(captured.err.splitlines()) == 1
+    assert "cut.mcap" in captured.err
+
+
+def test_training_needs_truth(tmp_path, capsys):
+    from ertis_driver.frame import PdmFrame
+    from ertis_driver.recording import RecordingInfo, RecordingWriter
+
+    path = tmp_path / "blind.mcap"
+    with RecordingWriter(path, RecordingInfo("live", DEFAULT_CHIRP, 163_840)) as writer:
+        writer.write(PdmFrame(np.zeros(163_840, np.uint32), 0, 0))
+    assert main(["train", str(path), "-o", str(tmp_path / "m.safetensors")]) == 1
+    assert "no truth" in error_of(capsys)
+
+
+def test_training_makes_the_same_model_from_the_same_seed(tmp_path, capsys):
+    from ertis_detector.model import load_model
+
+    models = []
+    for name in ("one", "two"):
+        recording, model = tmp_path / f"{name}.mcap", tmp_path / f"{name}.safetensors"
+        make = ["simulate", "--random", "--seed", "4", "-n", "30", "-o", str(recording)]
+        assert main(make) == 0
+        assert main(["train", str(recording), "-o", str(model)]) == 0
+        models.append(load_model(model))
+    assert models[0].card == models[1].card
+    assert np.array_equal(models[0].classifier.weights, models[1].classifier.weights)
+    assert Chirp.parse(models[0].card.chirp) == DEFAULT_CHIRP
+    assert models[0].card.source == "sim"
+    capsys.readouterr()
