@@ -31,7 +31,7 @@ class LandmarkReport:
     state: TrackState = _item(
         "new in this ping, heard again, or given up; a lost one repeats its last report"
     )
-    label: str = _item("most probable class: r and the aperture radius in mm", key="class")
+    label: str = _item("most probable size: r and the aperture radius in mm", key="class")
     probabilities: Mapping[str, float] = _item(
         "of every class, 'none' and 'unknown' included; they sum to 1", minimum=0, maximum=1
     )

@@ -22,7 +22,9 @@ from ertis_driver.device import Settings
 from ertis_driver.errors import RecordingError
 from ertis_driver.recording import RecordedPing, Recording, open_recording
 
-LEAST_PRECISION = 0.75  # a wrong landmark is worse than none: three reports in four are right
+LEAST_PRECISION = 0.8  # of reports on unseen scenes: a wrong landmark is worse than none
+
+_LEAST_REPORTS = 20  # fewer say nothing of a precision
 
 
 @dataclass(slots=True)
@@ -66,7 +68,8 @@ def train(
         fitted = fit(np.stack(rows.features), rows.labels, rows.groups)
     except ValueError as error:
         raise RecordingError(f"too little to train on in {pings} pings: {error}") from error
-    least = _least_probability(fitted, rows.labels)
+    reports = _Reports(fitted, rows.labels)
+    least = _least_probability(reports)
     sources = sorted({recording.info.source for recording in recordings})
     digests = ", ".join(
         f"{recording.info.address} sha256 {file_sha256(path)[:16]}"
@@ -79,7 +82,7 @@ def train(
         source="+".join(sources),
         data=f"{pings} pings: {digests}",
         min_probability=least,
-        figures=_figures(fitted, rows.labels, pings, least),
+        figures=_figures(reports, pings, least),
     )
     return Model(fitted.classifier, card)
 
@@ -123,38 +126,46 @@ def _learn(
             rows.groups.append(str(ping.truth.get("scene", ping.frame.ping_index)))
 
 
-def _least_probability(fitted: Fit, labels: Sequence[str]) -> float:
-    """Lowest threshold from 0.5 on at which enough reports of unseen scenes are right."""
-    thresholds = np.round(np.arange(0.5, 0.96, 0.01), 2)
+def _least_probability(reports: _Reports) -> float:
+    """Lowest threshold from 0.5 on from which enough reports on unseen scenes are landmarks.
+
+    0.99 if there is none: such a model all but keeps silent.
+    """
+    thresholds = np.round(np.arange(0.5, 1.0, 0.01), 2)
     for threshold in thresholds:
-        reported, right = _reports(fitted, labels, float(threshold))
-        if right.sum() >= LEAST_PRECISION * reported.sum():
+        reported = reports.landmark_probability >= threshold
+        right = reported & reports.is_landmark
+        if right.sum() >= max(LEAST_PRECISION * reported.sum(), _LEAST_REPORTS):
             return float(threshold)
     return float(thresholds[-1])
 
 
-def _reports(
-    fitted: Fit, labels: Sequence[str], threshold: float
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Which rows would be reported as a landmark, and which of them rightly."""
-    row = fitted.probabilities
-    said = np.asarray(fitted.classifier.classes)[row.argmax(axis=1)]
-    reported = ~np.isin(said, (NONE, UNKNOWN)) & (row.max(axis=1) >= threshold)
-    return reported, reported & (said == np.asarray(labels))
+class _Reports:
+    """What cross-validation says of each proposal, whether or not it would be reported."""
+
+    def __init__(self, fitted: Fit, labels: Sequence[str]) -> None:
+        classes = np.asarray(fitted.classifier.classes)
+        landmark = ~np.isin(classes, (NONE, UNKNOWN))
+        chosen = fitted.probabilities[:, landmark]
+        self.landmark_probability = chosen.sum(axis=1)
+        truth = np.asarray(labels)
+        self.is_landmark = ~np.isin(truth, (NONE, UNKNOWN))
+        self.size_right = classes[landmark][chosen.argmax(axis=1)] == truth
 
 
-def _figures(fitted: Fit, labels: Sequence[str], pings: int, threshold: float) -> dict[str, float]:
+def _figures(reports: _Reports, pings: int, threshold: float) -> dict[str, float]:
     """Of proposals, not of dishes: cross-validated on scenes left out."""
-    truth = np.asarray(labels)
-    said = np.asarray(fitted.classifier.classes)[fitted.probabilities.argmax(axis=1)]
-    reported, right = _reports(fitted, labels, threshold)
-    dishes = ~np.isin(truth, (NONE, UNKNOWN))
-    both = dishes & ~np.isin(said, (NONE, UNKNOWN))
+    reported = reports.landmark_probability >= threshold
+    landmarks = max(int(reports.is_landmark.sum()), 1)
+    found = reported & reports.is_landmark
     return {
-        "proposals": float(len(truth)),
-        "landmark_proposals": float(dishes.sum()),
-        "recall_right_size": round(float(right.sum() / max(dishes.sum(), 1)), 4),
-        "precision": round(float(right.sum() / max(reported.sum(), 1)), 4),
-        "false_per_ping": round(float((reported & ~right).sum() / pings), 4),
-        "size_right_if_found": round(float((said == truth)[both].mean()) if both.any() else 0.0, 4),
+        "proposals": float(len(reported)),
+        "landmark_proposals": float(landmarks),
+        "precision": round(float(found.sum() / max(int(reported.sum()), 1)), 4),
+        "found": round(float(found.sum() / landmarks), 4),
+        "found_with_right_size": round(float((reported & reports.size_right).sum() / landmarks), 4),
+        "size_right_if_found": round(
+            float(reports.size_right[found].mean()) if found.any() else 0.0, 4
+        ),
+        "false_alarms_per_ping": round(float((reported & ~reports.is_landmark).sum() / pings), 4),
     }

@@ -24,7 +24,7 @@ class Detection:
     """One landmark heard in one ping.
 
     label : str
-        The most probable class, ``r35 r48 r58 r70`` (aperture radius in mm).
+        The most probable size, ``r35 r48 r58 r70`` (aperture radius in mm).
     probabilities : mapping label -> probability
         Over all classes of the model, ``none`` and ``unknown`` included; they sum to 1.
     range_m, azimuth_rad, elevation_rad : float

@@ -21,6 +21,7 @@ MIN_SNR_DB = 14.0
 # Beyond the first null of the emitter's beam a spectrum says more of the beam than of the dish, and
 # a landmark hangs about as high as the sonar: what lies far above or below is floor and ceiling.
 MAX_AZIMUTH_RAD, MAX_ELEVATION_RAD = np.deg2rad(30.0), np.deg2rad(12.0)
+OWN_ECHO_DB, OWN_ECHO_RANGE_M = 5.0, 0.25  # nearer to a dish nothing was trained
 MAX_RANGE_M = 4.6  # models are trained on landmarks up to 4.5 m
 SENSOR_BAND_HZ = (20e3, 90e3)  # beyond it transducer and microphones leave nothing of the chirp
 # The two-bounce ring, not the vertex, is the peak: (sqrt(2) - 1) R behind it, R = 1.1333 a.
@@ -143,7 +144,8 @@ class LandmarkDetector:
     chirp, audio_filter : str
         What the device emits and how its sound was decimated; they must be the model's.
     min_probability : float
-        A landmark is reported from this probability on; None for the model's own.
+        Reported is what is a landmark, of whichever size, with this probability at least; None
+        for the model's own.
 
     Raises
     ------
@@ -172,7 +174,7 @@ class LandmarkDetector:
         audio : float32, shape (num_mics, num_samples)
             450 kHz.
         """
-        candidates = self.scanner.candidates(audio)
+        candidates = _without_own_echoes(self.scanner.candidates(audio))
         if not candidates:
             return []
         stacked = np.stack([candidate.features for candidate in candidates])
@@ -181,10 +183,27 @@ class LandmarkDetector:
         for candidate, row in zip(candidates, rows, strict=True):
             told = {name: float(p) for name, p in zip(self.model.classes, row, strict=True)}
             told.setdefault(UNKNOWN, 0.0)
-            label = max(told, key=lambda name: told[name])
-            if label not in (NONE, UNKNOWN) and told[label] >= self.min_probability:
+            landmarks = {name: p for name, p in told.items() if name not in (NONE, UNKNOWN)}
+            if sum(landmarks.values()) >= self.min_probability:
+                label = max(landmarks, key=lambda name: landmarks[name])
                 found.append(_detection(candidate, label, told))
         return sorted(found, key=lambda one: -one.probabilities[one.label])
+
+
+def _without_own_echoes(candidates: list[Candidate]) -> list[Candidate]:
+    """Leave out what is much weaker than another echo from the same range.
+
+    A strong reflector is heard in the array's sidelobes and by way of the floor, too.
+    """
+    return [
+        one
+        for one in candidates
+        if not any(
+            other.snr_db > one.snr_db + OWN_ECHO_DB
+            and abs(other.location.range_m - one.location.range_m) < OWN_ECHO_RANGE_M
+            for other in candidates
+        )
+    ]
 
 
 def _detection(candidate: Candidate, label: str, told: dict[str, float]) -> Detection:

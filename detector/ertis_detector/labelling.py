@@ -12,6 +12,9 @@ from ertis_detector.detector import RING_OFFSET, Candidate
 
 MATCH_RANGE_M = 0.06  # the located peak lies within the ring pattern of its own dish
 MATCH_AZIMUTH_RAD = np.deg2rad(5.0)
+# A dish is also heard by way of the floor and in the array sidelobes: neither a landmark at
+# that place nor something else.
+OWN_ECHO_RANGE_M = 0.25
 
 
 def label_candidates(candidates: Sequence[Candidate], truth: Mapping[str, Any]) -> list[str | None]:
@@ -26,7 +29,8 @@ def label_candidates(candidates: Sequence[Candidate], truth: Mapping[str, Any]) 
 
     Returns
     -------
-    list of ``r35 ...``, ``unknown`` (a decoy), ``none``, or None (a dish turned too far away)
+    list of ``r35 ...``, ``unknown`` (a decoy), ``none``, or None (a dish turned too far away, or
+    heard by another way)
     """
     labels: list[str | None] = []
     for candidate in candidates:
@@ -35,6 +39,8 @@ def label_candidates(candidates: Sequence[Candidate], truth: Mapping[str, Any]) 
             labels.append(str(landmark["label"]) if landmark["visible"] else None)
         elif _nearest(candidate, truth.get("decoys", [])) is not None:
             labels.append(UNKNOWN)
+        elif _within(candidate, [*truth.get("landmarks", []), *truth.get("decoys", [])]):
+            labels.append(None)
         else:
             labels.append(NONE)
     return labels
@@ -49,3 +55,9 @@ def _nearest(candidate: Candidate, items: Sequence[Mapping[str, Any]]) -> Mappin
         if gap < best_gap and abs(at.azimuth_rad - item["azimuth_rad"]) < MATCH_AZIMUTH_RAD:
             best, best_gap = item, gap
     return best
+
+
+def _within(candidate: Candidate, items: Sequence[Mapping[str, Any]]) -> bool:
+    return any(
+        abs(candidate.location.range_m - item["range_m"]) < OWN_ECHO_RANGE_M for item in items
+    )

@@ -36,7 +36,7 @@ class ModelCard:
     data : str
         Name, size and SHA-256 of the training recordings.
     min_probability : float
-        From here on a landmark is reported, unless the user says otherwise.
+        From here on a landmark, of whichever size, is reported, unless the user says otherwise.
     figures : mapping
         What its cross-validation gave.
     """

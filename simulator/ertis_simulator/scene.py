@@ -21,6 +21,7 @@ from ertis_simulator.transducer import RING_DOWN_DB_PER_MS, RING_DOWN_S, RING_DO
 
 FloatArray = npt.NDArray[np.float64]
 VISIBLE_TILT_RAD = np.deg2rad(35.0)  # beyond it only rim and vertex are left: "limiting angle"
+VISIBLE_RANGE_M = 0.6  # nearer, the ring-down covers it
 VISIBLE_AZIMUTH_RAD = np.deg2rad(25.0)  # the emitter's beam has its first null at 19 (50 kHz)
 
 
@@ -114,7 +115,11 @@ class Scene:
             toward = -np.array([x, y, z]) / distance
             tilt = float(np.arccos(np.clip(pose.turn(item.axis) @ toward, -1, 1)))
             azimuth = float(np.arctan2(y, x))
-            visible = bool(tilt < VISIBLE_TILT_RAD and abs(azimuth) < VISIBLE_AZIMUTH_RAD)
+            visible = bool(
+                tilt < VISIBLE_TILT_RAD
+                and abs(azimuth) < VISIBLE_AZIMUTH_RAD
+                and distance > VISIBLE_RANGE_M
+            )
             told["landmarks" if item.is_landmark else "decoys"].append(
                 {
                     "label": item.label,
