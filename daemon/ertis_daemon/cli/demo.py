@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     """Show events for some seconds, then say how many were right."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ertis-demo-")))
-        flag = stack.enter_context(stop_on_signals())
+        flag = stack.enter_context(stop_on_signals(patient=True))
         demo = Demo(folder, flag)
         try:
             demo.play(args.seconds)

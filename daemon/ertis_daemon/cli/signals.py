@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as an event that loops look at."""
+"""Ctrl-C, SIGTERM and a closed terminal as an event that loops look at."""
 
 from __future__ import annotations
 
@@ -24,8 +24,11 @@ class StopFlag:
 
 
 @contextmanager
-def stop_on_signals() -> Iterator[StopFlag]:
-    """Turn SIGINT and SIGTERM into a flag; a second Ctrl-C raises KeyboardInterrupt as usual.
+def stop_on_signals(*, patient: bool = False) -> Iterator[StopFlag]:
+    """Turn SIGINT, SIGTERM and SIGHUP into a flag; a second Ctrl-C raises KeyboardInterrupt.
+
+    Unless ``patient``: who has processes to end, in bounded time, must not be cut short, and a
+    single Ctrl-C may well arrive twice, from the terminal and from make.
 
     Only for the main thread. Python runs the handler between two bytecodes of that thread, so
     what it does meanwhile must not block for long.
@@ -35,12 +38,16 @@ def stop_on_signals() -> Iterator[StopFlag]:
     def handle(number: int, frame: FrameType | None) -> None:
         if number == signal.SIGINT:
             flag.interrupted = True
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            if not patient:
+                signal.signal(signal.SIGINT, signal.default_int_handler)
         flag.event.set()
 
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield flag
     finally:
+        # The second of a pair may come as late as the interpreter's own end.
+        ended = patient and flag.event.is_set()
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if ended else handler)
