@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ertis_driver.audio_filter import TAPS, UNITY
+from ertis_driver.audio_filter import LEAD, RESPONSE_REACH, TAPS, UNITY, bit_response
 from ertis_driver.frame import DECIMATION, NUM_MICS
 from ertis_driver.halfword import find_corrupt_bits
 
@@ -16,8 +16,6 @@ BLOCKS_PER_CHUNK = 64  # 0.5 MB of expanded bits: stays in the L2 cache, which i
 _HOP = OUTPUTS_PER_BLOCK * DECIMATION
 _BLOCK_ROWS = _HOP - DECIMATION + TAPS.size
 _CHUNK_ROWS = BLOCKS_PER_CHUNK * _HOP
-# Output k is centred 0.5 PDM samples (0.11 us, 0.02 mm of range) after word 10 k.
-_LEAD = TAPS.size // 2 - 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +109,7 @@ class PdmDecoder:
         num_out = audio.shape[1]
         octets = words.view(np.uint8).reshape(words.size, 4)
         for first_out in range(0, num_out, BLOCKS_PER_CHUNK * OUTPUTS_PER_BLOCK):
-            self._expand(octets, first_out * DECIMATION - _LEAD)
+            self._expand(octets, first_out * DECIMATION - LEAD)
             np.matmul(self._matrix, self._blocks, out=self._sums)
             flat = self._sums.reshape(-1, NUM_MICS)[: num_out - first_out]
             audio[:, first_out : first_out + len(flat)] = flat.T
@@ -134,15 +132,14 @@ class PdmDecoder:
         audio: npt.NDArray[np.float32], word: np.uint32, position: int, bits: list[int]
     ) -> None:
         """Turn the wrong bits of one word over, exactly, in the audio they went into."""
-        first, response = bit_response(position, audio.shape[1])
+        centre = position // DECIMATION
+        near = slice(max(centre - RESPONSE_REACH, 0), centre + RESPONSE_REACH)
+        response = bit_response(position, np.arange(audio.shape[1])[near]).astype(np.float32)
         for mic in bits:
             sign = 1.0 if (int(word) >> mic) & 1 else -1.0
-            audio[mic, first : first + response.size] -= np.float32(2 * sign) * response
+            audio[mic, near] -= np.float32(2 * sign) * response
 
 
-def bit_response(position: int, num_samples: int) -> tuple[int, npt.NDArray[np.float32]]:
-    """What one +1 bit at word ``position`` adds to the audio: first sample, and values."""
-    first = max(-(-(position - (TAPS.size - 1 - _LEAD)) // DECIMATION), 0)
-    last = min((position + _LEAD) // DECIMATION, num_samples - 1)
-    index = position - np.arange(first, last + 1) * DECIMATION + _LEAD
-    return first, (TAPS[index] / UNITY).astype(np.float32)
+def whole_samples(words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
+    """The words that make whole audio samples: 32768, the firmware's step, is no multiple of 10."""
+    return words[: words.size - words.size % DECIMATION]

@@ -11,6 +11,9 @@ the same bits from every BLAS, thread count and CPU.
 """
 
 import numpy as np
+import numpy.typing as npt
+
+from ertis_driver.frame import DECIMATION
 
 FILTER_VERSION = "remez80-1"  # stored in models: features of other filters are not interchangeable
 UNITY = 2**23  # sum of the taps: divide by it
@@ -59,3 +62,13 @@ _HALF = (
 )
 TAPS = np.array(_HALF + _HALF[::-1], dtype=np.int32)
 TAPS.setflags(write=False)
+# Output k is centred 0.5 PDM samples (0.11 us, 0.02 mm of range) after word 10 k.
+LEAD = TAPS.size // 2 - 1
+RESPONSE_REACH = 8  # audio samples on either side of a bit, beyond which it is not heard
+
+
+def bit_response(position: int, outputs: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+    """What one +1 bit at word ``position`` adds to the audio samples ``outputs``."""
+    tap = position - outputs * DECIMATION + LEAD
+    inside = (tap >= 0) & (tap < TAPS.size)
+    return np.asarray(np.where(inside, TAPS[np.clip(tap, 0, TAPS.size - 1)], 0) / UNITY)

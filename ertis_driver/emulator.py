@@ -8,10 +8,10 @@ import select
 import threading
 import tty
 from collections import deque
-from types import TracebackType
 
 from typing_extensions import Self
 
+from ertis_driver.closing import Closing
 from ertis_driver.firmware import FirmwareState, FrameSource, PingRequest
 from ertis_driver.frame import Source
 
@@ -23,7 +23,7 @@ POLL_S = 0.05  # how late a stop may be noticed
 WRITE_BYTES = 65_536
 
 
-class Emulator:
+class Emulator(Closing):
     """Answers on a pty as the firmware does. Also a context manager that serves in a thread.
 
     Clients may come and go. A frame that nobody reads waits, and is dropped when the next command
@@ -93,15 +93,6 @@ class Emulator:
         """Serve in a thread."""
         self.start()
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Stop and hang up."""
-        self.close()
 
     def _receive(self) -> None:
         try:

@@ -6,12 +6,10 @@ import logging
 import time
 from collections import deque
 from dataclasses import dataclass
-from types import TracebackType
-
-from typing_extensions import Self
 
 from ertis_driver import protocol
 from ertis_driver.chirp import Chirp
+from ertis_driver.closing import Closing
 from ertis_driver.device import DeviceInfo, Settings
 from ertis_driver.errors import (
     DeviceError,
@@ -48,7 +46,7 @@ class Exchange:
     received: str
 
 
-class ErtisDevice:
+class ErtisDevice(Closing):
     """An eRTIS on a link; implements ``Sonar``. Owns the link, and asks who answers at once.
 
     Parameters
@@ -195,19 +193,6 @@ class ErtisDevice:
         """Give the link back. May be called twice."""
         self._settings = None
         self._link.close()
-
-    def __enter__(self) -> Self:
-        """Nothing but itself: it is open already."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close it."""
-        self.close()
 
     def _identify(self) -> DeviceInfo:
         self._settle()

@@ -10,14 +10,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ertis_driver.audio_filter import TAPS, UNITY
+from ertis_driver.audio_filter import RESPONSE_REACH, bit_response
 from ertis_driver.frame import DECIMATION, NUM_MICS
 
 _HALF = NUM_MICS // 2
 # Fourth difference: 3 % of a 60 kHz tone is left, but most of a click, which reaches 225 kHz.
 _HIGH_PASS_ORDER = 4
 _ENERGY_RATIO = 4.0  # clicks over the untouched microphones; measured clicks exceed 20
-_MARGIN = 8  # audio samples kept from the ends of the frame
 
 
 def find_corrupt_bits(
@@ -47,12 +46,10 @@ def find_corrupt_bits(
 
 def _wrong_bits(word: int, position: int, audio: npt.NDArray[np.float32]) -> list[int]:
     centre = position // DECIMATION
-    if not _MARGIN <= centre < audio.shape[1] - _MARGIN:
+    if not RESPONSE_REACH <= centre < audio.shape[1] - RESPONSE_REACH:
         return []
-    first, last = centre - _MARGIN, centre + _MARGIN
-    tap = position - np.arange(first, last) * DECIMATION + TAPS.size // 2 - 1
-    response = np.where((tap >= 0) & (tap < TAPS.size), TAPS[np.clip(tap, 0, TAPS.size - 1)], 0)
-    template = np.diff(response / UNITY, _HIGH_PASS_ORDER)
+    first, last = centre - RESPONSE_REACH, centre + RESPONSE_REACH
+    template = np.diff(bit_response(position, np.arange(first, last)), _HIGH_PASS_ORDER)
     heard = np.diff(audio[:, first:last], _HIGH_PASS_ORDER)
     amplitude = heard @ template / (template @ template)  # in bits: +-2 where one is wrong
     energy = amplitude**2

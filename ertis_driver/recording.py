@@ -6,12 +6,11 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from mcap.writer import CompressionType, Writer
-from typing_extensions import Self
 
+from ertis_driver.closing import Closing
 from ertis_driver.errors import RecordingError
 from ertis_driver.frame import PdmFrame
 from ertis_driver.mcap_reader import MAGIC, read_info, read_pings
@@ -45,7 +44,7 @@ PING_SCHEMA = {
 }
 
 
-class RecordingWriter:
+class RecordingWriter(Closing):
     """Writes an MCAP recording, ping by ping; what is written survives the writer's death.
 
     Parameters
@@ -158,19 +157,6 @@ class RecordingWriter:
                 self._file.close()
         except OSError as error:
             raise self._failed(error) from error
-
-    def __enter__(self) -> Self:
-        """Nothing but itself: it is open already."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Finish the file."""
-        self.close()
 
     def _register(self) -> dict[str, int]:
         add_schema, add_channel = self._writer.register_schema, self._writer.register_channel

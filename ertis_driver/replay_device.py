@@ -7,10 +7,8 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 
-from typing_extensions import Self
-
+from ertis_driver.closing import Closing
 from ertis_driver.device import DeviceInfo, Settings
 from ertis_driver.errors import DeviceLost, EndOfRecording, NotConfigured
 from ertis_driver.frame import PdmFrame
@@ -19,7 +17,7 @@ from ertis_driver.recording import RecordedPing, Recording, open_recording
 log = logging.getLogger(__name__)
 
 
-class ReplayDevice:
+class ReplayDevice(Closing):
     """Plays a recording; implements ``Sonar``.
 
     What was recorded stays as it was: times, indices, active flags and settings. ``ping`` takes
@@ -124,19 +122,6 @@ class ReplayDevice:
         self._closed.set()
         self._pings = None
         self._configured = False
-
-    def __enter__(self) -> Self:
-        """Nothing but itself: it is open already."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close it."""
-        self.close()
 
     def _wait_for(self, ping_time_ns: int) -> None:
         if self._start is None:

@@ -11,13 +11,13 @@ import numpy as np
 
 from ertis_daemon.config import Config
 from ertis_detector.detection import Detection
+from ertis_driver.audio import PdmDecoder, whole_samples
 from ertis_driver.device import Settings
 from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PdmFrame
 
 if TYPE_CHECKING:
     from ertis_detector.detector import LandmarkDetector, Scanner
     from ertis_detector.tracker import Tracker
-    from ertis_driver.audio import PdmDecoder
 
 
 class TrackLike(Protocol):
@@ -86,8 +86,7 @@ class DetectorPipeline:
 
     def process(self, frame: PdmFrame) -> Heard:
         """Tracks after this ping."""
-        whole = frame.words.size - frame.words.size % DECIMATION  # 32768 is no multiple of 10
-        words = frame.words[:whole]
+        words = whole_samples(frame.words)
         if self._audio.shape[1] != words.size // DECIMATION:
             self._audio = np.empty((NUM_MICS, words.size // DECIMATION), np.float32)
         decoded = self._decoder.decode(words, self._audio)
@@ -114,7 +113,6 @@ def build_pipeline(config: Config, settings: Settings) -> DetectorPipeline:
     from ertis_detector.detector import LandmarkDetector
     from ertis_detector.model import load_model, shipped_model
     from ertis_detector.tracker import Tracker
-    from ertis_driver.audio import PdmDecoder
     from ertis_driver.audio_filter import FILTER_VERSION
 
     chirp = settings.chirp

@@ -8,7 +8,6 @@ import re
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any
 
 import zenoh
@@ -17,6 +16,7 @@ from zenoh import ext
 
 from ertis_daemon.config import ZenohConfig
 from ertis_daemon.events import ENCODING, LandmarkEvent, dump_json, json_schema
+from ertis_driver.closing import Closing
 from ertis_driver.errors import ErtisError
 
 log = logging.getLogger(__name__)
@@ -89,7 +89,7 @@ def _one_line(error: Exception) -> str:
     return " ".join(re.sub(r"\.?\s+at /\S+\.rs:\d+\.?", "", str(error)).split())
 
 
-class ZenohPublisher:
+class ZenohPublisher(Closing):
     """Publishes the events of one sonar and answers queries about it. A context manager.
 
     Parameters
@@ -185,14 +185,6 @@ class ZenohPublisher:
     def close(self) -> None:
         """Leave the network, in bounded time. May be called twice."""
         self._stack.close()
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _stop_answering(self) -> None:
         self._done.set()

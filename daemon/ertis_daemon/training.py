@@ -15,7 +15,7 @@ from ertis_detector.classifier import Fit, fit
 from ertis_detector.detection import NONE, UNKNOWN
 from ertis_detector.labelling import label_candidates
 from ertis_detector.model import Model, ModelCard, file_sha256
-from ertis_driver.audio import PdmDecoder
+from ertis_driver.audio import PdmDecoder, whole_samples
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.chirp import Chirp
 from ertis_driver.device import Settings
@@ -117,7 +117,7 @@ def _learn(
     scanner = build_scanner(
         Settings(chirp, recording.info.num_words), Air(temperature_c).speed_of_sound_m_s
     )
-    candidates = scanner.candidates(decoder.decode(ping.frame.words).audio)
+    candidates = scanner.candidates(decoder.decode(whole_samples(ping.frame.words)).audio)
     labels = label_candidates(candidates, ping.truth)
     for candidate, label in zip(candidates, labels, strict=True):
         if label is not None:

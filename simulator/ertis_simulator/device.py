@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import numpy.typing as npt
-from typing_extensions import Self
 
 from ertis_driver.chirp import DAC_IDLE_CODE
+from ertis_driver.closing import Closing
 from ertis_driver.device import DeviceInfo, Settings
 from ertis_driver.emulator import PingRequest
 from ertis_driver.errors import NotConfigured
@@ -20,7 +19,7 @@ from ertis_simulator.scene import Scene
 from ertis_simulator.scene_file import load_scene
 
 
-class SimulatedSonar:
+class SimulatedSonar(Closing):
     """A sonar in a scene. Pings as fast as they can be computed, never faster than a real one."""
 
     is_live = False
@@ -40,10 +39,6 @@ class SimulatedSonar:
     def configure(self, settings: Settings) -> None:
         """Take the settings; nothing can fail."""
         self._settings = settings
-
-    def truth(self) -> dict[str, object]:
-        """What the latest ping could hear of."""
-        return self._scene.truth(max(self._index - 1, 0))
 
     def ping(self, *, active: bool = True) -> PdmFrame:
         """The next ping of the scene.
@@ -66,17 +61,6 @@ class SimulatedSonar:
 
     def close(self) -> None:
         """Nothing to give back."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def open_sim(path: str) -> SimulatedSonar:

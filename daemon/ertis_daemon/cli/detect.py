@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ertis_daemon.config import Config
+    from ertis_detector.detector import Scanner
     from ertis_driver.chirp import Chirp
-    from ertis_driver.device import Settings
     from ertis_driver.recording import RecordedPing, Recording
 
 _SAID = {"sim": "simulated", "replay": "recorded"}
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Detect in every ping and print what was found."""
     from ertis_daemon.events import dump_json
-    from ertis_daemon.pipeline import build_pipeline
+    from ertis_daemon.pipeline import build_pipeline, build_scanner
     from ertis_daemon.service import report
     from ertis_driver.device import Settings
     from ertis_driver.recording import open_recording
@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
     config = _config(args, recording)
     settings = Settings(chirp, recording.info.num_words)
     pipeline = build_pipeline(config, settings)
+    scanner = build_scanner(settings, config.speed_of_sound_m_s)
     source = "sim" if recording.info.source == "sim" else "replay"
     for number, ping in enumerate(recording):
         tracks = pipeline.process(ping.frame).tracks
@@ -65,17 +66,14 @@ def run(args: argparse.Namespace) -> int:
         picture = args.plot if number == 0 else None
         if args.reflectors or picture:
             title = f"{args.file.name}, ping {ping.frame.ping_index} ({_SAID[source]})"
-            line["reflectors"] = _look(
-                ping, settings, config, args.reflectors, line, picture, title
-            )
+            line["reflectors"] = _look(ping, scanner, args.reflectors, line, picture, title)
         print(json.dumps(line) if args.json else _text(line))
     return 0
 
 
 def _look(
     ping: RecordedPing,
-    settings: Settings,
-    config: Config,
+    scanner: Scanner,
     count: int,
     line: dict[str, Any],
     picture: Path | None,
@@ -84,14 +82,10 @@ def _look(
     """The strongest reflectors; draws the picture if one is wanted."""
     import dataclasses
 
-    from ertis_daemon.pipeline import build_scanner
     from ertis_detector.reflectors import strongest
-    from ertis_driver.audio import PdmDecoder
-    from ertis_driver.frame import DECIMATION
+    from ertis_driver.audio import PdmDecoder, whole_samples
 
-    words = ping.frame.words
-    decoded = PdmDecoder().decode(words[: words.size - words.size % DECIMATION])
-    scanner = build_scanner(settings, config.speed_of_sound_m_s)
+    decoded = PdmDecoder().decode(whole_samples(ping.frame.words))
     baseband, scape = scanner.image(decoded.audio)
     spots = strongest(scanner, baseband, scape, count) if count else []
     if picture is not None:
@@ -108,10 +102,9 @@ def _look(
 
 def _chirp(args: argparse.Namespace, recording: Recording) -> Chirp:
     from ertis_daemon.chirp_guess import guess_chirp
-    from ertis_driver.audio import PdmDecoder
+    from ertis_driver.audio import PdmDecoder, whole_samples
     from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
     from ertis_driver.errors import RecordingError
-    from ertis_driver.frame import DECIMATION
 
     if recording.info.chirp is not None:
         if args.chirp and Chirp.parse(args.chirp) != recording.info.chirp:
@@ -123,8 +116,7 @@ def _chirp(args: argparse.Namespace, recording: Recording) -> Chirp:
     if args.chirp:
         return Chirp.parse(args.chirp)
     for ping in recording:
-        words = ping.frame.words
-        heard = PdmDecoder().decode(words[: words.size - words.size % DECIMATION]).audio
+        heard = PdmDecoder().decode(whole_samples(ping.frame.words)).audio
         chirp = guess_chirp(heard)
         if chirp is None:
             print(
