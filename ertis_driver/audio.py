@@ -57,6 +57,7 @@ class PdmDecoder:
         self._matrix = _banded_matrix()
         rows = _CHUNK_ROWS + _BLOCK_ROWS - _HOP
         self._bits = np.zeros((rows, NUM_MICS), np.float32)
+        self._octets = np.empty((rows, 4), np.intp)
         stride = self._bits.strides
         self._blocks = np.lib.stride_tricks.as_strided(
             self._bits,
@@ -122,8 +123,10 @@ class PdmDecoder:
         rows[:a] = 0
         rows[b:] = 0
         if b > a:
-            out = rows[a:b].reshape(b - a, 4, 8)
-            np.take(self._table, octets[start:stop], axis=0, out=out, mode="clip")
+            # What take would do itself, in fresh memory.
+            index = self._octets[: b - a]
+            index[...] = octets[start:stop]
+            self._table.take(index, 0, rows[a:b].reshape(b - a, 4, 8), "wrap")
         if start == 0:
             rows[a] = 0  # word 0
 

@@ -46,7 +46,7 @@ def draw(
     # An echo is a line 6 mm thin: widened to 4 cm, or a screen shows nothing of it.
     wide = np.lib.stride_tricks.sliding_window_view(scape.power, _WIDENED_CELLS, axis=1).max(axis=2)
     ranges_m = scape.range_m[_WIDENED_CELLS // 2 :][: wide.shape[1]]
-    level_db = 10 * np.log10(np.maximum(wide / scape.noise_floor(), 1e-3))
+    level_db = 10 * np.log10(np.maximum(wide / scape.noise_floor, 1e-3))
     figure = Figure(figsize=(8.4, 5.4), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()

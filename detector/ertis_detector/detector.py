@@ -80,9 +80,9 @@ class Scanner:
             )
         self.num_samples = num_samples
         self._filter = MatchedFilter(chirp_samples, num_samples, band)
-        carrier = self._filter.carrier_hz
-        self._imager = Imager(mic_positions_m, carrier, num_samples, speed_of_sound_m_s, *plane())
-        self.focus = Focus(mic_positions_m, emitter_position_m, carrier, speed_of_sound_m_s)
+        info = self._filter.baseband
+        self._imager = Imager(mic_positions_m, info, speed_of_sound_m_s, *plane())
+        self.focus = Focus(mic_positions_m, emitter_position_m, info, speed_of_sound_m_s)
 
     def image(self, audio: npt.NDArray[np.float32]) -> tuple[Complex, Energyscape]:
         """Compressed baseband and energyscape of one ping.
@@ -101,7 +101,7 @@ class Scanner:
     def candidates(self, audio: npt.NDArray[np.float32]) -> list[Candidate]:
         """Every distinct strong echo of one ping, located, with its features."""
         baseband, scape = self.image(audio)
-        floor = scape.noise_floor()
+        floor = scape.noise_floor
         proposals = propose(
             scape,
             max_count=MAX_PROPOSALS,
@@ -112,10 +112,8 @@ class Scanner:
             return []
         places = [
             at
-            for at in locate(self.focus, baseband, proposals)
-            if abs(at.azimuth_rad) <= MAX_AZIMUTH_RAD
-            and abs(at.elevation_rad) <= MAX_ELEVATION_RAD
-            and at.range_m <= MAX_RANGE_M
+            for at in locate(self.focus, baseband, proposals, MAX_ELEVATION_RAD)
+            if abs(at.azimuth_rad) <= MAX_AZIMUTH_RAD and at.range_m <= MAX_RANGE_M
         ]
         if not places:
             return []
@@ -123,7 +121,7 @@ class Scanner:
         fragments = self.focus.beam(baseband, points, FRAGMENT_SAMPLES // 2, FRAGMENT_SAMPLES)
         rows = features(
             fragments,
-            self.focus.carrier_hz,
+            self.focus.info.carrier_hz,
             np.array([at.range_m for at in places]),
             np.array([at.azimuth_rad for at in places]),
             np.array([at.elevation_rad for at in places]),

@@ -1,4 +1,4 @@
-"""Fragments: 1024 samples of compressed sound around one range, tapered."""
+"""Fragments: 1024 audio samples' time of compressed sound around one range, tapered."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-FRAGMENT_SAMPLES = 1024  # 2.28 ms: +-19.5 cm of range at 343 m/s
+FRAGMENT_SAMPLES = 384  # of the baseband; 1024 of audio: 2.28 ms: +-19.5 cm of range at 343 m/s
 
 
 @cache

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
-import scipy.sparse
 
-RATE_HZ = 450_000.0
-RANGE_STRIDE = 16  # audio samples a range cell: 6.1 mm, about the compressed pulse
+AUDIO_RATE_HZ = 450_000.0
+# Complex, around the chirp's carrier: room for the sensor's 70 kHz, and for delays between samples.
+_KEPT, _OF = 3, 8
+RATE_HZ = AUDIO_RATE_HZ * _KEPT / _OF
+RANGE_STRIDE = 6  # baseband samples a range cell: 6.1 mm, about the compressed pulse
 NUM_DIRECTIONS = 91
 MAX_AZIMUTH_RAD = np.deg2rad(60.0)
 MIN_RANGE_M = 0.5
 # Kept from the chirp's own duration: nothing nearer than this can be told from the direct path.
 _EDGE_SAMPLES = 96
-_CELLS_PER_CHUNK = 256  # delayed rows of 2.5 MB: they stay in cache
+_BLOCK_DIRECTIONS = 13  # neighbours hear a microphone at nearly the same time: they share its rows
 
 Complex = npt.NDArray[np.complex64]
 Float = npt.NDArray[np.float64]
@@ -31,6 +33,15 @@ def unit_vectors(azimuth_rad: Float, elevation_rad: Float) -> Float:
     )
 
 
+def phasor(cycles: Float) -> Complex:
+    """``e^{2 pi i cycles}`` as complex64, of any shape; much faster than a complex exponential."""
+    angle = (2 * np.pi * (cycles - np.rint(cycles))).astype(np.float32)
+    turned = np.empty(angle.shape, np.complex64)
+    np.cos(angle, out=turned.real)
+    np.sin(angle, out=turned.imag)
+    return turned
+
+
 def plane() -> tuple[Float, Float]:
     """Azimuths and elevations of 91 directions at the sonar's own height, left last.
 
@@ -40,8 +51,23 @@ def plane() -> tuple[Float, Float]:
     return np.arcsin(sine), np.zeros(NUM_DIRECTIONS)
 
 
+@dataclass(frozen=True, slots=True)
+class BasebandInfo:
+    """What a matched filter makes of audio.
+
+    carrier_hz, half_band_hz : float
+        What became zero frequency, and how far the chirp reaches from there.
+    num_samples : int
+        A ping, at ``RATE_HZ``: as many as a whole chirp returns in.
+    """
+
+    carrier_hz: float
+    half_band_hz: float
+    num_samples: int
+
+
 class MatchedFilter:
-    """Correlates audio with the chirp; the result is complex, at 450 kHz, around zero frequency.
+    """Correlates audio with the chirp; the result is complex, at 169 kHz, around zero frequency.
 
     Not for use by two threads at once.
 
@@ -53,46 +79,65 @@ class MatchedFilter:
         Audio samples a ping.
     band_hz : (low, high)
         Frequencies kept; outside it a sensor hears nothing of its chirp.
+
+    Attributes
+    ----------
+    baseband : BasebandInfo
     """
 
     def __init__(self, chirp: Float, num_samples: int, band_hz: tuple[float, float]) -> None:
         self.num_samples = num_samples
-        spacing = RATE_HZ / num_samples
-        self._bins = np.arange(int(band_hz[0] / spacing), int(band_hz[1] / spacing) + 1)
-        self.carrier_bin = int(self._bins.mean())
-        self.carrier_hz = self.carrier_bin * spacing
-        spectrum = scipy.fft.rfft(chirp, num_samples)[self._bins]
+        # The direct path fills the chirp's own duration.
+        self.blank = chirp.size + _EDGE_SAMPLES
+        # The blank is as good as padding: what the transform is too short for is folded into it,
+        # where the chirps that return last look for it.
+        least = num_samples - chirp.size
+        self._length = _OF * int(scipy.fft.next_fast_len(-(-least // _OF)))
+        self._tail = max(num_samples - self._length, 0)
+        spacing = AUDIO_RATE_HZ / self._length
+        bins = np.arange(int(band_hz[0] / spacing), int(band_hz[1] / spacing) + 1)
+        carrier_bin = int(bins.mean())
+        self.baseband = BasebandInfo(
+            carrier_bin * spacing, spacing * bins.size / 2, self._length * _KEPT // _OF
+        )
+        self._above = slice(carrier_bin, int(bins[-1]) + 1)
+        self._below = slice(int(bins[0]), carrier_bin)
+        spectrum = scipy.fft.rfft(chirp, self._length)[bins]
         edge = np.minimum(np.arange(spectrum.size), np.arange(spectrum.size)[::-1]) * spacing
         taper = np.sin(np.pi / 2 * np.clip(edge / 5e3, 0, 1)) ** 2
         # Unit noise gain: white noise of unit power comes out with unit power a sample.
         weight = np.conj(spectrum) * taper
-        weight *= np.sqrt(num_samples / np.sum(np.abs(weight) ** 2))
-        self._weight = weight.astype(np.complex64)
-        # The direct path fills the chirp's own duration; blanking it also keeps the circular
-        # correlation free of wrap-around, as the chirp is no longer than the blank.
-        self.blank = chirp.size + _EDGE_SAMPLES
+        weight *= np.sqrt(self._length / np.sum(np.abs(weight) ** 2))
+        weight *= _KEPT / _OF  # fewer samples come out of the inverse transform than went in
+        middle = carrier_bin - int(bins[0])
+        self._weight_above = weight[middle:].astype(np.complex64)
+        self._weight_below = weight[:middle].astype(np.complex64)
         self._fade = np.zeros(self.blank, np.float32)
-        # Kept from ping to ping: fresh memory costs more than the arithmetic on it.
-        self._faded = np.empty((0, num_samples), np.float32)
-        self._kept = np.zeros((0, num_samples), np.complex64)
         ramp = np.arange(_EDGE_SAMPLES) / _EDGE_SAMPLES
         self._fade[-_EDGE_SAMPLES:] = np.sin(np.pi / 2 * ramp) ** 2
+        # Kept from ping to ping: fresh memory costs more than the arithmetic on it.
+        self._faded = np.zeros((0, self._length), np.float32)
+        self._kept = np.zeros((0, self.baseband.num_samples), np.complex64)
 
     def __call__(self, audio: npt.NDArray[np.float32]) -> Complex:
-        """Compress ``audio``, float32 (num_mics, num_samples), to complex64 of the same shape."""
+        """Compress ``audio``, float32 (num_mics, num_samples).
+
+        Returns
+        -------
+        complex64, shape (num_mics, baseband.num_samples)
+        """
         if len(self._kept) != len(audio):
-            self._faded = np.empty_like(audio)
-            self._kept = np.zeros((len(audio), self.num_samples), np.complex64)
+            self._faded = np.zeros((len(audio), self._length), np.float32)
+            self._kept = np.zeros((len(audio), self.baseband.num_samples), np.complex64)
         faded, kept = self._faded, self._kept
         np.multiply(audio[:, : self.blank], self._fade, out=faded[:, : self.blank])
-        faded[:, self.blank :] = audio[:, self.blank :]
+        faded[:, : self._tail] = audio[:, self._length :]
+        whole = self.num_samples - self._tail
+        faded[:, self.blank : whole] = audio[:, self.blank : whole]
         spectrum = scipy.fft.rfft(faded, axis=1)
-        first, count = int(self._bins[0]), self._bins.size
-        middle = self.carrier_bin - first
-        above = spectrum[:, self.carrier_bin : first + count]
-        np.multiply(above, self._weight[middle:], out=kept[:, : count - middle])
-        below = spectrum[:, first : self.carrier_bin]
-        np.multiply(below, self._weight[:middle], out=kept[:, -middle:])
+        above, below = self._weight_above, self._weight_below
+        np.multiply(spectrum[:, self._above], above, out=kept[:, : above.size])
+        np.multiply(spectrum[:, self._below], below, out=kept[:, -below.size :])
         return np.asarray(scipy.fft.ifft(kept, axis=1))
 
 
@@ -104,35 +149,33 @@ class Energyscape:
         Of the beamformed, compressed echo; noise of one microphone gives 1 / 32.
     azimuth_rad, elevation_rad : shape (num_directions,)
     range_m : shape (num_ranges,)
+    noise_floor : float
+        Power where nothing returns.
     """
 
     power: npt.NDArray[np.float32]
     azimuth_rad: Float
     elevation_rad: Float
     range_m: Float
+    noise_floor: float
 
-    def noise_floor(self) -> float:
-        """Power where nothing returns: a low quantile of the far ranges, the quietest of a room.
 
-        The last tenth is left out: there the frame ends within the chirp.
-        """
-        num_ranges = self.power.shape[1]
-        tail = self.power[::3, num_ranges * 6 // 10 : num_ranges * 9 // 10]
-        return float(np.quantile(tail, 0.2)) / 0.223 + 1e-20  # exponential law: 20 % lie under this
+def noise_floor(power: npt.NDArray[np.float32]) -> float:
+    """A low quantile of the far ranges, the quietest of a room."""
+    tail = power[::3, power.shape[1] * 6 // 10 :]
+    return float(np.quantile(tail, 0.2)) / 0.223 + 1e-20  # exponential law: 20 % lie under this
 
 
 class Imager:
-    """Energyscape by one sparse product over delayed baseband rows.
+    """Energyscape: beams toward many directions, sampled at range cells.
 
-    Delays are rounded to the 450 kHz grid, their phases are not.
+    Microphones are delayed by two samples each with the weights that fit the delay best over the
+    chirp's band; neighbouring directions share those samples, so that a few dense products do.
 
     Parameters
     ----------
     mic_positions_m : shape (num_mics, 3)
-    carrier_hz : float
-        Of the baseband.
-    num_samples : int
-        Of the baseband.
+    baseband : BasebandInfo
     speed_of_sound_m_s : float
     azimuth_rad, elevation_rad : shape (num_directions,)
         Where to look; ``plane()`` looks to 91 directions at the sonar's own height.
@@ -141,37 +184,49 @@ class Imager:
     def __init__(
         self,
         mic_positions_m: Float,
-        carrier_hz: float,
-        num_samples: int,
+        baseband: BasebandInfo,
         speed_of_sound_m_s: float,
         azimuth_rad: Float,
         elevation_rad: Float,
     ) -> None:
         self.azimuth_rad, self.elevation_rad = azimuth_rad, elevation_rad
         toward = unit_vectors(azimuth_rad, elevation_rad)
-        early_s = toward @ mic_positions_m.T / speed_of_sound_m_s  # nearer microphones hear first
-        shift = np.rint(-early_s * RATE_HZ).astype(int)
-        margin = int(np.abs(shift).max()) + 1
+        late_s = -toward @ mic_positions_m.T / speed_of_sound_m_s
+        late = late_s * RATE_HZ
+        earlier = np.floor(late).astype(int)
+        margin = int(np.abs(earlier).max()) + 2
         start = int(2 * MIN_RANGE_M / speed_of_sound_m_s * RATE_HZ)
         start = max(-(-start // RANGE_STRIDE), -(-margin // RANGE_STRIDE)) * RANGE_STRIDE
-        cells = (num_samples - margin - start) // RANGE_STRIDE - 1
-        self.range_m = (start + RANGE_STRIDE * np.arange(cells)) / RATE_HZ * speed_of_sound_m_s / 2
-        self._cells = cells
-        num_mics = len(mic_positions_m)
-        self._columns = num_samples // RANGE_STRIDE
-        # Row (mic, shift) of the delayed matrix begins here in the polyphase copy of the baseband.
-        pairs, column = np.unique(
-            (np.arange(num_mics)[None, :] * 100_000 + shift + 50_000).ravel(), return_inverse=True
-        )
-        first = start + pairs % 100_000 - 50_000
-        self._offsets = (
-            pairs // 100_000 * RANGE_STRIDE + first % RANGE_STRIDE
-        ) * self._columns + first // RANGE_STRIDE
-        weight = np.exp(-2j * np.pi * carrier_hz * early_s).astype(np.complex64) / num_mics
-        self._steering = scipy.sparse.csr_array(
-            (weight.ravel(), column.ravel(), np.arange(len(toward) + 1) * num_mics),
-            shape=(len(toward), pairs.size),
-        )
+        self._cells = (baseband.num_samples - margin - start) // RANGE_STRIDE - 1
+        cell_s = (start + RANGE_STRIDE * np.arange(self._cells)) / RATE_HZ
+        self.range_m = cell_s * speed_of_sound_m_s / 2
+        self._columns = baseband.num_samples // RANGE_STRIDE
+        turn = np.exp(2j * np.pi * baseband.carrier_hz * late_s) / len(mic_positions_m)
+        pair = _two_tap_weights(late - earlier, baseband.half_band_hz) * turn[:, :, None]
+        self._blocks = [
+            self._block(earlier[first : first + _BLOCK_DIRECTIONS] + start, pair[first:])
+            for first in range(0, len(toward), _BLOCK_DIRECTIONS)
+        ]
+
+    def _block(
+        self, first: npt.NDArray[np.intp], pair: npt.NDArray[np.complex128]
+    ) -> tuple[Complex, npt.NDArray[np.intp]]:
+        """Steering matrix (directions, rows), and where each row begins in the polyphase copy.
+
+        ``first`` is the sample that each direction and microphone begins with, ``pair`` what that
+        one and the next are multiplied by.
+        """
+        num_directions, num_mics = first.shape
+        mic = np.broadcast_to(np.arange(num_mics), first.shape)
+        both = np.stack([first, first + 1], axis=2)
+        key = np.stack([mic, mic], axis=2) * (self._columns * RANGE_STRIDE) + both
+        rows, column = np.unique(key.ravel(), return_inverse=True)
+        steering = np.zeros((num_directions, rows.size), np.complex64)
+        direction = np.repeat(np.arange(num_directions), 2 * num_mics)
+        steering[direction, column] = pair[:num_directions].ravel()
+        mic_of, sample = np.divmod(rows, self._columns * RANGE_STRIDE)
+        phase = mic_of * RANGE_STRIDE + sample % RANGE_STRIDE
+        return steering, phase * self._columns + sample // RANGE_STRIDE
 
     def __call__(self, baseband: Complex) -> Energyscape:
         """Image ``baseband``, complex64 (num_mics, num_samples)."""
@@ -181,13 +236,44 @@ class Imager:
             .reshape(num_mics, self._columns, RANGE_STRIDE)
             .transpose(0, 2, 1)
         ).ravel()
-        power = np.empty((self._steering.shape[0], self._cells), np.float32)
-        for first in range(0, self._cells, _CELLS_PER_CHUNK):
-            count = min(_CELLS_PER_CHUNK, self._cells - first)
-            delayed = np.lib.stride_tricks.sliding_window_view(phases, count)
-            beams = self._steering @ delayed[self._offsets + first]
-            np.add(beams.real**2, beams.imag**2, out=power[:, first : first + count])
-        return Energyscape(power, self.azimuth_rad, self.elevation_rad, self.range_m)
+        delayed = np.lib.stride_tricks.sliding_window_view(phases, self._cells)
+        power = np.empty((self.azimuth_rad.size, self._cells), np.float32)
+        first = 0
+        for steering, offsets in self._blocks:
+            beams = steering @ delayed[offsets]
+            np.add(beams.real**2, beams.imag**2, out=power[first : first + len(beams)])
+            first += len(beams)
+        return Energyscape(
+            power, self.azimuth_rad, self.elevation_rad, self.range_m, noise_floor(power)
+        )
+
+
+def _two_tap_weights(part: Float, half_band_hz: float) -> Float:
+    """Best weights of a sample and the next for a delay between them.
+
+    Least squares of ``a + b e^{iw}`` against ``e^{iwp}`` over the band, w in radians a sample.
+
+    Parameters
+    ----------
+    part : shape (...)
+        The delay beyond the first sample, 0 to 1.
+    half_band_hz : float
+
+    Returns
+    -------
+    shape (..., 2)
+    """
+    half = 2 * np.pi * half_band_hz / RATE_HZ
+
+    def mean(shift: Float) -> Float:  # of e^{iw shift} over the band
+        return np.sinc(half * shift / np.pi)
+
+    neighbour = float(mean(np.array(1.0)))
+    to_first, to_next = mean(part), mean(1 - part)
+    scale = 1 / (1 - neighbour**2)
+    first = (to_first - neighbour * to_next) * scale
+    following = (to_next - neighbour * to_first) * scale
+    return np.stack([first, following], axis=-1)
 
 
 class Focus:
@@ -197,53 +283,61 @@ class Focus:
         self,
         mic_positions_m: Float,
         emitter_position_m: Float,
-        carrier_hz: float,
+        info: BasebandInfo,
         speed_of_sound_m_s: float,
     ) -> None:
         self.mics, self.emitter = mic_positions_m, emitter_position_m
-        self.carrier_hz, self.c = carrier_hz, speed_of_sound_m_s
+        self.info, self.c = info, speed_of_sound_m_s
 
     def delays_s(self, points_m: Float) -> Float:
         """Two-way travel times emitter -> point -> microphones, shape (num_points, num_mics)."""
-        out = np.linalg.norm(points_m - self.emitter, axis=-1)
-        back = np.linalg.norm(points_m[:, None, :] - self.mics, axis=-1)
+        out = np.sqrt(np.sum((points_m - self.emitter) ** 2, axis=1))
+        square = np.sum(points_m**2, axis=1)[:, None] + np.sum(self.mics**2, axis=1)
+        back = np.sqrt(np.maximum(square - 2 * points_m @ self.mics.T, 0))
         return np.asarray((out[:, None] + back) / self.c)
 
-    def windows(
-        self, baseband: Complex, delays_s: Float, before: int, length: int
-    ) -> tuple[Complex, Float]:
+    def windows(self, baseband: Complex, delays_s: Float, length: int) -> tuple[Complex, Float]:
         """Each microphone's sound around its own delay, in phase with the others.
 
         Parameters
         ----------
         baseband : complex64, shape (num_mics, num_samples)
         delays_s : shape (num_points, num_mics)
-        before, length : int
-            Sample ``before`` of each window is nearest to the delay. Silence beyond the frame.
+        length : int
+            Sample ``length // 2`` of each window is nearest to the delay. Silence beyond the frame.
 
         Returns
         -------
         complex64, shape (num_points, num_mics, length), and what rounding left of each delay, s
         """
         nearest = np.rint(delays_s * RATE_HZ).astype(np.intp)
-        first = nearest - before
-        mic = np.arange(len(self.mics))[None, :]
-        if first.min() >= 0 and first.max() <= baseband.shape[1] - length:
-            rows = np.lib.stride_tricks.sliding_window_view(baseband, length, axis=1)
-            pieces = rows[mic, first]
-        else:
-            index = first[:, :, None] + np.arange(length)
-            valid = (index >= 0) & (index < baseband.shape[1])
-            inside = np.clip(index, 0, baseband.shape[1] - 1)
-            pieces = baseband[mic[:, :, None], inside] * valid
-        turn = np.exp(2j * np.pi * self.carrier_hz * delays_s).astype(np.complex64)
-        pieces *= turn[:, :, None]
+        pieces = _pieces(baseband, nearest - length // 2, length)
+        pieces *= phasor(self.info.carrier_hz * delays_s)[:, :, None]
         return pieces, delays_s - nearest / RATE_HZ
 
     def beam(self, baseband: Complex, points_m: Float, before: int, length: int) -> Complex:
-        """The sound from each point, shape (num_points, length), at 450 kHz.
+        """The sound from each point, shape (num_points, length), at the baseband's rate.
 
-        Sample ``before`` is the point's own two-way time, rounded. Silence beyond the frame.
+        Sample ``before`` is the point's own two-way time. Silence beyond the frame.
         """
-        pieces, _ = self.windows(baseband, self.delays_s(points_m), before, length)
-        return np.asarray(pieces.mean(axis=1))
+        delays_s = self.delays_s(points_m)
+        earlier = np.floor(delays_s * RATE_HZ)
+        pieces = _pieces(baseband, earlier.astype(np.intp) - before, length + 1)
+        pair = _two_tap_weights(delays_s * RATE_HZ - earlier, self.info.half_band_hz)
+        turn = phasor(self.info.carrier_hz * delays_s) / np.float32(len(self.mics))
+        pair = pair.astype(np.float32) * turn[:, :, None]
+        both = pair.transpose(0, 2, 1) @ pieces
+        return np.asarray(both[:, 0, :-1] + both[:, 1, 1:])
+
+
+def _pieces(baseband: Complex, first: npt.NDArray[np.intp], length: int) -> Complex:
+    """Copies of each microphone's samples from ``first``, shape (num_points, num_mics), on."""
+    mic = np.arange(len(baseband))[None, :]
+    if first.min() >= 0 and first.max() <= baseband.shape[1] - length:
+        return np.asarray(
+            np.lib.stride_tricks.sliding_window_view(baseband, length, axis=1)[mic, first]
+        )
+    index = first[:, :, None] + np.arange(length)
+    valid = (index >= 0) & (index < baseband.shape[1])
+    inside = np.clip(index, 0, baseband.shape[1] - 1)
+    return np.asarray(baseband[mic[:, :, None], inside] * valid)

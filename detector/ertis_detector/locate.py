@@ -10,14 +10,17 @@ import numpy.typing as npt
 import scipy.fft
 
 from ertis_detector.fragment import hann
-from ertis_detector.imaging import RATE_HZ, Complex, Float, Focus, unit_vectors
+from ertis_detector.imaging import RATE_HZ, Complex, Float, Focus, phasor, unit_vectors
 from ertis_detector.proposals import Proposal
 
-_WINDOW = 64  # audio samples: 142 us, the rings of one dish; 7 kHz a subband
-_HALF_PEAK = 20  # audio samples searched for the peak on either side: +-15 mm
-_ELEVATIONS_RAD = np.deg2rad(np.arange(-48.0, 49.0, 8.0))
+_WINDOW = 24  # baseband samples: 142 us, the rings of one dish; 7 kHz a subband
+_HALF_PEAK = 8  # baseband samples searched for the peak on either side: +-15 mm
+_ELEVATION_STEP_RAD = np.deg2rad(8.0)
+_ELEVATIONS_RAD = _ELEVATION_STEP_RAD * np.arange(-6, 7)
 _STEPS_RAD = np.deg2rad(((2.0, 4.0), (1.0, 2.0), (0.5, 1.0)))
 _MAX_ELEVATION_RAD = np.deg2rad(60.0)
+# Beyond +-28 kHz of the carrier no chirp of this sensor has energy; between lie no new facts.
+_SUBBANDS = np.arange(-4, 5, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +39,12 @@ class Location:
         return np.asarray(self.range_m * direction)
 
 
-def locate(focus: Focus, baseband: Complex, proposals: Sequence[Proposal]) -> list[Location]:
+def locate(
+    focus: Focus,
+    baseband: Complex,
+    proposals: Sequence[Proposal],
+    max_elevation_rad: float = _MAX_ELEVATION_RAD,
+) -> list[Location]:
     """Refine proposals: elevation first, then both angles, then the range.
 
     Parameters
@@ -44,15 +52,21 @@ def locate(focus: Focus, baseband: Complex, proposals: Sequence[Proposal]) -> li
     focus : Focus
     baseband : complex64, shape (num_mics, num_samples)
     proposals : of this ping
+    max_elevation_rad : float
+        What lies further above or below is not refined, and left out.
     """
-    if not proposals:
-        return []
     range_m = np.array([one.range_m for one in proposals])
     azimuth = np.array([one.azimuth_rad for one in proposals])
-    elevation = np.zeros_like(azimuth)
+    if not proposals:
+        return []
     steerer = _Steerer(focus, baseband, range_m, azimuth)
     energy = steerer.energy(azimuth[:, None], _ELEVATIONS_RAD[None, :])
     elevation = _ELEVATIONS_RAD[energy.argmax(axis=1)]
+    kept = np.abs(elevation) <= max_elevation_rad + _ELEVATION_STEP_RAD
+    if not kept.any():
+        return []
+    range_m, azimuth, elevation = range_m[kept], azimuth[kept], elevation[kept]
+    steerer.keep(kept)
     grid_a, grid_e = (grid.ravel() for grid in np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"))
     for step_a, step_e in _STEPS_RAD:
         energy = steerer.energy(
@@ -71,6 +85,7 @@ def locate(focus: Focus, baseband: Complex, proposals: Sequence[Proposal]) -> li
     return [
         Location(float(r), float(a), float(e), float(p))
         for r, a, e, p in zip(range_m, azimuth, elevation, beam[row, peak], strict=True)
+        if abs(e) <= max_elevation_rad
     ]
 
 
@@ -81,14 +96,16 @@ class _Steerer:
         self._focus, self._range = focus, range_m
         points = range_m[:, None] * unit_vectors(azimuth, np.zeros_like(azimuth))
         self._delays = focus.delays_s(points)
-        pieces, residue = focus.windows(baseband, self._delays, _WINDOW // 2, _WINDOW)
+        pieces, residue = focus.windows(baseband, self._delays, _WINDOW)
         spectrum = scipy.fft.fft(pieces * hann(_WINDOW), axis=2)
-        # Beyond +-28 kHz of the carrier no chirp of this sensor has energy.
-        bins = np.arange(-4, 5)
-        self._spacing_hz = RATE_HZ / _WINDOW
-        shift = np.exp(2j * np.pi * self._spacing_hz * residue[:, :, None] * bins)
-        self._spectrum = (spectrum[:, :, bins] * shift).astype(np.complex64)
-        self._first_bin = int(bins[0])
+        offsets_hz = RATE_HZ / _WINDOW * _SUBBANDS
+        self._spectrum = spectrum[:, :, _SUBBANDS] * phasor(residue[:, :, None] * offsets_hz)
+        self._subbands_hz = focus.info.carrier_hz + offsets_hz
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        """Go on with these proposals only; bool, shape (num_proposals,)."""
+        self._range, self._delays = self._range[which], self._delays[which]
+        self._spectrum = self._spectrum[which]
 
     def energy(self, azimuth: Float, elevation: Float) -> Float:
         """Shape (num_proposals, num_directions), from angles of that shape."""
@@ -96,16 +113,10 @@ class _Steerer:
         count, directions, _ = toward.shape
         later = self._focus.delays_s(toward.reshape(-1, 3)).reshape(count, directions, -1)
         later -= self._delays[:, None, :]
-        # Powers of one phasor, bin by bin, instead of an exponential for each.
-        first_hz = self._focus.carrier_hz + self._first_bin * self._spacing_hz
-        phasor = np.exp(2j * np.pi * first_hz * later).astype(np.complex64)
-        turn = np.exp(2j * np.pi * self._spacing_hz * later).astype(np.complex64)
-        energy = np.zeros((count, directions), np.float64)
-        for column in range(self._spectrum.shape[2]):
-            beam = (phasor @ self._spectrum[:, :, column, None])[:, :, 0]
-            energy += beam.real**2 + beam.imag**2
-            phasor *= turn
-        return energy
+        turned = phasor(later[:, :, :, None] * self._subbands_hz)
+        turned *= self._spectrum[:, None]
+        beams = turned.sum(axis=2)
+        return np.asarray(np.sum(beams.real**2 + beams.imag**2, axis=2), np.float64)
 
 
 def _tops(three: npt.NDArray[np.floating]) -> Float:

@@ -15,7 +15,7 @@ import scipy.fft
 
 from ertis_detector.air import Air
 from ertis_detector.fragment import taper
-from ertis_detector.imaging import RATE_HZ
+from ertis_detector.imaging import AUDIO_RATE_HZ, RATE_HZ
 from ertis_detector.piston import piston_pattern
 
 FEATURE_VERSION = "paper20-db-pairs-1"  # stored in models: other versions do not fit
@@ -44,7 +44,7 @@ def features(
     Parameters
     ----------
     fragments : complex64, shape (n, num_samples)
-        Baseband at 450 kHz around ``carrier_hz``.
+        Baseband around ``carrier_hz``.
     carrier_hz : float
     range_m, azimuth_rad, elevation_rad : shape (n,)
         Where each fragment was heard.
@@ -71,6 +71,7 @@ def spectral_bins(
     """Mean FFT magnitude of tapered fragments in each bin, dB; shape (n, 20)."""
     num_samples = fragments.shape[1]
     magnitude = np.abs(scipy.fft.fft(taper(fragments), axis=1)).astype(np.float64)
+    magnitude *= AUDIO_RATE_HZ / RATE_HZ  # as if every audio sample were summed
     first = np.rint((_EDGES_HZ - carrier_hz) / (RATE_HZ / num_samples)).astype(int)
     ordered = magnitude[:, np.arange(first[0], first[-1]) % num_samples]
     mean = np.add.reduceat(ordered, first[:-1] - first[0], axis=1) / np.diff(first)

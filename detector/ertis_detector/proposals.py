@@ -49,9 +49,10 @@ def propose(
     """
     looked_at = np.flatnonzero(np.abs(scape.azimuth_rad) <= max_azimuth_rad)
     azimuth_rad, power = scape.azimuth_rad[looked_at], scape.power[looked_at]
-    floor = scape.noise_floor()
+    floor = scape.noise_floor
     weight = (scape.range_m**range_exponent).astype(np.float32)
-    ranked = np.where(power >= floor * 10 ** (min_snr_db / 10), power * weight, np.float32(0))
+    ranked = power * weight
+    ranked[power < floor * 10 ** (min_snr_db / 10)] = 0
     toward = unit_vectors(azimuth_rad, scape.elevation_rad[looked_at])
     found: list[Proposal] = []
     while len(found) < max_count:

@@ -41,14 +41,13 @@ def strongest(
     focus = scanner.focus
     imager = Imager(
         focus.mics,
-        focus.carrier_hz,
-        baseband.shape[1],
+        focus.info,
         focus.c,
         np.tile(azimuth, _ELEVATIONS_RAD.size),
         np.repeat(_ELEVATIONS_RAD, azimuth.size),
     )
     found = propose(imager(baseband), max_count=count, min_snr_db=_MIN_LEVEL_DB, range_exponent=0.0)
-    floor = scape.noise_floor()
+    floor = scape.noise_floor
     reflectors = [
         Reflector(
             at.range_m,

@@ -164,6 +164,13 @@ def test_where_all_wrong_bits_are_turned_back_the_audio_is_the_clean_one_exactly
     np.testing.assert_array_equal(mended[:16], clean[:16])
 
 
+@pytest.mark.parametrize("stuck", [0, 0xFFFFFFFF, 0xAAAAAAAA])
+def test_a_frame_of_stuck_bits_is_left_alone(stuck):
+    # Every word looks like a corrupt half-word there.
+    words = np.full(163_840, stuck, np.uint32)
+    assert PdmDecoder().decode(words).half_words_repaired == 0
+
+
 def test_mending_lowers_the_click(planted):
     corrupt, _, clean = planted
     mended = PdmDecoder().decode(corrupt).audio

@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 
 from ertis_detector.air import Air
-from ertis_detector.imaging import Energyscape, Focus, Imager, MatchedFilter, plane, unit_vectors
+from ertis_detector.imaging import (
+    Energyscape,
+    Focus,
+    Imager,
+    MatchedFilter,
+    noise_floor,
+    plane,
+    unit_vectors,
+)
 from ertis_detector.locate import locate
 from ertis_detector.proposals import Proposal, propose
 from ertis_driver.chirp import DEFAULT_CHIRP
@@ -23,8 +31,8 @@ class Bench:
 
     def __init__(self):
         self.filter = MatchedFilter(CHIRP, NUM_SAMPLES, (20e3, 80e3))
-        self.imager = Imager(MICS, self.filter.carrier_hz, NUM_SAMPLES, C, *plane())
-        self.focus = Focus(MICS, EMITTER, self.filter.carrier_hz, C)
+        self.imager = Imager(MICS, self.filter.baseband, C, *plane())
+        self.focus = Focus(MICS, EMITTER, self.filter.baseband, C)
 
     def hear(self, places, seed, strength=0.05):
         """Baseband and image of reflectors at (range m, azimuth deg, elevation deg), in noise."""
@@ -92,7 +100,7 @@ def test_noise_alone_proposes_nothing(bench):
 def scape_of(power):
     azimuth = np.arcsin(np.linspace(-0.8, 0.8, power.shape[0]))
     range_m = 0.5 + 0.006 * np.arange(power.shape[1])
-    return Energyscape(power.astype(np.float32), azimuth, 0 * azimuth, range_m)
+    return Energyscape(power.astype(np.float32), azimuth, 0 * azimuth, range_m, noise_floor(power))
 
 
 def quiet(seed=3, shape=(91, 600)):
@@ -109,7 +117,7 @@ def test_a_proposal_says_where_and_how_far_over_the_floor():
 
 
 def test_the_floor_is_that_of_the_noise():
-    assert scape_of(4.0 * quiet(4)).noise_floor() == pytest.approx(4.0, rel=0.05)
+    assert scape_of(4.0 * quiet(4)).noise_floor == pytest.approx(4.0, rel=0.05)
 
 
 def test_a_far_peak_comes_before_a_near_one_of_the_same_strength():
@@ -150,7 +158,7 @@ def located(bench):
             key=lambda p: p.snr_db,
         )
         (at,) = locate(bench.focus, baseband, [proposal])
-        levels.append(10 * np.log10(at.power / scape.noise_floor()))
+        levels.append(10 * np.log10(at.power / scape.noise_floor))
         found = at.range_m, np.rad2deg(at.azimuth_rad), np.rad2deg(at.elevation_rad)
         errors.append(np.array(found) - place)
         assert np.linalg.norm(at.point_m) == pytest.approx(at.range_m)
