@@ -117,11 +117,14 @@ def _learn(
     scanner = build_scanner(
         Settings(chirp, recording.info.num_words), Air(temperature_c).speed_of_sound_m_s
     )
-    candidates = scanner.candidates(decoder.decode(whole_samples(ping.frame.words)).audio)
-    labels = label_candidates(candidates, ping.truth)
-    for candidate, label in zip(candidates, labels, strict=True):
+    audio = decoder.decode(whole_samples(ping.frame.words)).audio
+    baseband, candidates = scanner.candidates(audio)
+    if not candidates:
+        return
+    seen = scanner.features(baseband, candidates)
+    for features, label in zip(seen, label_candidates(candidates, ping.truth), strict=True):
         if label is not None:
-            rows.features.append(candidate.features)
+            rows.features.append(features)
             rows.labels.append(label)
             rows.groups.append(str(ping.truth.get("scene", ping.frame.ping_index)))
 

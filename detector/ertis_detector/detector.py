@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,13 +33,12 @@ _RANGE_SIGMA_M, _AZIMUTH_SIGMA_RAD, _ELEVATION_SIGMA_RAD = 6e-3, np.deg2rad(0.7)
 _BEAM_RAD = np.deg2rad((6.5, 12.0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Candidate:
-    """A located proposal with its features, before classification."""
+    """A located proposal, before classification; level over the noise floor, dB."""
 
     location: Location
     snr_db: float
-    features: npt.NDArray[np.float32]
 
 
 class Scanner:
@@ -98,8 +98,8 @@ class Scanner:
         baseband = self._filter(audio)
         return baseband, self._imager(baseband)
 
-    def candidates(self, audio: npt.NDArray[np.float32]) -> list[Candidate]:
-        """Every distinct strong echo of one ping, located, with its features."""
+    def candidates(self, audio: npt.NDArray[np.float32]) -> tuple[Complex, list[Candidate]]:
+        """The compressed baseband of one ping, and every distinct strong echo in it, located."""
         baseband, scape = self.image(audio)
         floor = scape.noise_floor
         proposals = propose(
@@ -108,28 +108,26 @@ class Scanner:
             min_snr_db=MIN_SNR_DB,
             max_azimuth_rad=MAX_AZIMUTH_RAD,
         )
-        if not proposals:
-            return []
-        places = [
-            at
+        return baseband, [
+            Candidate(at, float(10 * np.log10(max(at.power, floor) / floor)))
             for at in locate(self.focus, baseband, proposals, MAX_ELEVATION_RAD)
             if abs(at.azimuth_rad) <= MAX_AZIMUTH_RAD and at.range_m <= MAX_RANGE_M
         ]
-        if not places:
-            return []
+
+    def features(
+        self, baseband: Complex, candidates: Sequence[Candidate]
+    ) -> npt.NDArray[np.float32]:
+        """What the classifier sees of candidates, at least one; shape (n, NUM_FEATURES)."""
+        places = [candidate.location for candidate in candidates]
         points = np.stack([at.point_m for at in places])
         fragments = self.focus.beam(baseband, points, FRAGMENT_SAMPLES // 2, FRAGMENT_SAMPLES)
-        rows = features(
+        return features(
             fragments,
             self.focus.info.carrier_hz,
             np.array([at.range_m for at in places]),
             np.array([at.azimuth_rad for at in places]),
             np.array([at.elevation_rad for at in places]),
         )
-        return [
-            Candidate(at, float(10 * np.log10(max(at.power, floor) / floor)), row)
-            for at, row in zip(places, rows, strict=True)
-        ]
 
 
 class LandmarkDetector:
@@ -172,11 +170,12 @@ class LandmarkDetector:
         audio : float32, shape (num_mics, num_samples)
             450 kHz.
         """
-        candidates = _without_own_echoes(self.scanner.candidates(audio))
+        baseband, candidates = self.scanner.candidates(audio)
+        candidates = _without_own_echoes(candidates)
         if not candidates:
             return []
-        stacked = np.stack([candidate.features for candidate in candidates])
-        rows = self.model.classifier.probabilities(stacked)
+        seen = self.scanner.features(baseband, candidates)
+        rows = self.model.classifier.probabilities(seen)
         found = []
         for candidate, row in zip(candidates, rows, strict=True):
             told = {name: float(p) for name, p in zip(self.model.classes, row, strict=True)}

@@ -18,6 +18,7 @@ MAX_AZIMUTH_RAD = np.deg2rad(60.0)
 MIN_RANGE_M = 0.5
 # Kept from the chirp's own duration: nothing nearer than this can be told from the direct path.
 _EDGE_SAMPLES = 96
+_BATCH_MICS = 8  # their transforms fit into the L2 cache
 _BLOCK_DIRECTIONS = 13  # neighbours hear a microphone at nearly the same time: they share its rows
 
 Complex = npt.NDArray[np.complex64]
@@ -26,11 +27,12 @@ Float = npt.NDArray[np.float64]
 
 def unit_vectors(azimuth_rad: Float, elevation_rad: Float) -> Float:
     """Directions in the sensor frame (x forward, y left, z up), shape (..., 3)."""
-    azimuth_rad, elevation_rad = np.broadcast_arrays(azimuth_rad, elevation_rad)
+    vectors = np.empty((*np.broadcast_shapes(azimuth_rad.shape, elevation_rad.shape), 3))
     flat = np.cos(elevation_rad)
-    return np.stack(
-        [flat * np.cos(azimuth_rad), flat * np.sin(azimuth_rad), np.sin(elevation_rad)], axis=-1
-    )
+    vectors[..., 0] = flat * np.cos(azimuth_rad)
+    vectors[..., 1] = flat * np.sin(azimuth_rad)
+    vectors[..., 2] = np.sin(elevation_rad)
+    return vectors
 
 
 def phasor(cycles: Float) -> Complex:
@@ -116,8 +118,9 @@ class MatchedFilter:
         ramp = np.arange(_EDGE_SAMPLES) / _EDGE_SAMPLES
         self._fade[-_EDGE_SAMPLES:] = np.sin(np.pi / 2 * ramp) ** 2
         # Kept from ping to ping: fresh memory costs more than the arithmetic on it.
-        self._faded = np.zeros((0, self._length), np.float32)
-        self._kept = np.zeros((0, self.baseband.num_samples), np.complex64)
+        self._faded = np.zeros((_BATCH_MICS, self._length), np.float32)
+        self._kept = np.zeros((_BATCH_MICS, self.baseband.num_samples), np.complex64)
+        self._compressed = np.zeros((0, self.baseband.num_samples), np.complex64)
 
     def __call__(self, audio: npt.NDArray[np.float32]) -> Complex:
         """Compress ``audio``, float32 (num_mics, num_samples).
@@ -125,11 +128,17 @@ class MatchedFilter:
         Returns
         -------
         complex64, shape (num_mics, baseband.num_samples)
+            Overwritten by the next call.
         """
-        if len(self._kept) != len(audio):
-            self._faded = np.zeros((len(audio), self._length), np.float32)
-            self._kept = np.zeros((len(audio), self.baseband.num_samples), np.complex64)
-        faded, kept = self._faded, self._kept
+        if len(self._compressed) != len(audio):
+            self._compressed = np.zeros((len(audio), self.baseband.num_samples), np.complex64)
+        for first in range(0, len(audio), _BATCH_MICS):
+            batch = slice(first, first + _BATCH_MICS)
+            self._compressed[batch] = self._compress(audio[batch])
+        return self._compressed
+
+    def _compress(self, audio: npt.NDArray[np.float32]) -> Complex:
+        faded, kept = self._faded[: len(audio)], self._kept[: len(audio)]
         np.multiply(audio[:, : self.blank], self._fade, out=faded[:, : self.blank])
         faded[:, : self._tail] = audio[:, self._length :]
         whole = self.num_samples - self._tail
@@ -171,6 +180,7 @@ class Imager:
 
     Microphones are delayed by two samples each with the weights that fit the delay best over the
     chirp's band; neighbouring directions share those samples, so that a few dense products do.
+    Not for use by two threads at once.
 
     Parameters
     ----------
@@ -201,6 +211,8 @@ class Imager:
         cell_s = (start + RANGE_STRIDE * np.arange(self._cells)) / RATE_HZ
         self.range_m = cell_s * speed_of_sound_m_s / 2
         self._columns = baseband.num_samples // RANGE_STRIDE
+        shape = (len(mic_positions_m), RANGE_STRIDE, self._columns)
+        self._phases = np.zeros(shape, np.complex64)  # kept from ping to ping
         turn = np.exp(2j * np.pi * baseband.carrier_hz * late_s) / len(mic_positions_m)
         pair = _two_tap_weights(late - earlier, baseband.half_band_hz) * turn[:, :, None]
         self._blocks = [
@@ -230,13 +242,9 @@ class Imager:
 
     def __call__(self, baseband: Complex) -> Energyscape:
         """Image ``baseband``, complex64 (num_mics, num_samples)."""
-        num_mics = len(baseband)
-        phases = np.ascontiguousarray(
-            baseband[:, : self._columns * RANGE_STRIDE]
-            .reshape(num_mics, self._columns, RANGE_STRIDE)
-            .transpose(0, 2, 1)
-        ).ravel()
-        delayed = np.lib.stride_tricks.sliding_window_view(phases, self._cells)
+        samples = baseband[:, : self._columns * RANGE_STRIDE]
+        self._phases[...] = samples.reshape(-1, self._columns, RANGE_STRIDE).transpose(0, 2, 1)
+        delayed = np.lib.stride_tricks.sliding_window_view(self._phases.reshape(-1), self._cells)
         power = np.empty((self.azimuth_rad.size, self._cells), np.float32)
         first = 0
         for steering, offsets in self._blocks:
@@ -288,13 +296,18 @@ class Focus:
     ) -> None:
         self.mics, self.emitter = mic_positions_m, emitter_position_m
         self.info, self.c = info, speed_of_sound_m_s
+        # |p - m|^2 = |p|^2 + |m|^2 - 2 p m: one product instead of all differences.
+        self._mics_square = np.sum(mic_positions_m**2, axis=1)
+        self._mics_twice = -2 * mic_positions_m.T
 
     def delays_s(self, points_m: Float) -> Float:
         """Two-way travel times emitter -> point -> microphones, shape (num_points, num_mics)."""
-        out = np.sqrt(np.sum((points_m - self.emitter) ** 2, axis=1))
-        square = np.sum(points_m**2, axis=1)[:, None] + np.sum(self.mics**2, axis=1)
-        back = np.sqrt(np.maximum(square - 2 * points_m @ self.mics.T, 0))
-        return np.asarray((out[:, None] + back) / self.c)
+        out = points_m - self.emitter
+        way = np.sqrt(np.einsum("ij,ij->i", out, out))[:, None]
+        square = np.einsum("ij,ij->i", points_m, points_m)[:, None] + self._mics_square
+        return np.asarray(
+            (way + np.sqrt(np.maximum(square + points_m @ self._mics_twice, 0))) / self.c
+        )
 
     def windows(self, baseband: Complex, delays_s: Float, length: int) -> tuple[Complex, Float]:
         """Each microphone's sound around its own delay, in phase with the others.

@@ -27,9 +27,11 @@ def main() -> None:
     import scipy
     from contests import bench_all, demo_words
 
+    from ertis_daemon.memory import keep_freed_memory
     from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
     from ertis_driver.frame import DEFAULT_NUM_WORDS
 
+    keep_freed_memory()  # as the daemon does
     print(
         f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, "
         f"scipy {scipy.__version__}; one thread, one core"

@@ -170,7 +170,7 @@ def bench_stages(words: np.ndarray, chirp: Chirp, rounds: int, rng: np.random.Ge
         "  of it the search for corrupt half-words": lambda: find_corrupt_bits(words, audio),
         "matched filter and energyscape": lambda: scanner.image(audio),
         "proposals": lambda: propose(scape, max_count=12, min_snr_db=14.0),
-        "image, proposals, locate and features": lambda: scanner.candidates(audio),
+        "image, proposals and locate": lambda: scanner.candidates(audio),
         "event JSON": lambda: event_json(frame, heard),
         "whole frame": lambda: event_json(frame, pipeline.process(frame)),
     }

@@ -6,6 +6,7 @@ import pytest
 from ertis_detector.detector import LandmarkDetector, Scanner
 from ertis_detector.errors import DetectorError, ModelMismatch
 from ertis_detector.model import load_model, shipped_model
+from ertis_detector.paper import NUM_FEATURES
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
@@ -118,12 +119,13 @@ def test_the_same_audio_gives_the_same_report(detector):
 
 
 def test_the_scanner_hears_a_dish_where_its_rings_come_from():
-    found = scanner().candidates(audio_of(scene(landmark(70, 2.0, -10.0))))
+    ears = scanner()
+    baseband, found = ears.candidates(audio_of(scene(landmark(70, 2.0, -10.0))))
     loudest = max(found, key=lambda one: one.snr_db)
     ring_m = 2.0 + (np.sqrt(2) - 1) * 1.1333 * 0.070
     assert loudest.location.range_m == pytest.approx(ring_m, abs=0.015)
     assert np.rad2deg(loudest.location.azimuth_rad) == pytest.approx(-10.0, abs=1.0)
-    assert loudest.features.ndim == 1
+    assert ears.features(baseband, [loudest]).shape == (1, NUM_FEATURES)
 
 
 def test_a_model_for_another_chirp_is_refused(detector):

@@ -34,11 +34,13 @@ def run(args: argparse.Namespace) -> int:
         level=level, stream=sys.stderr, format="%(levelname).1s %(name)s: %(message)s"
     )
     from ertis_daemon.events import dump_json
+    from ertis_daemon.memory import keep_freed_memory
     from ertis_daemon.pipeline import build_pipeline
     from ertis_daemon.publisher import ZenohPublisher
     from ertis_daemon.service import Service
     from ertis_driver.open import open_device
 
+    keep_freed_memory()
     config = _config(args)
     with ExitStack() as stack:
         sonar = stack.enter_context(open_device(config.device.address))
