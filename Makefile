@@ -4,8 +4,10 @@ VENV := .venv
 ERTIS := $(VENV)/bin/ertis
 STAMP := $(VENV)/.installed
 TRAINING_PINGS ?= 2000
+FUZZ_TARGETS := parser firmware frame mcap raw
+FUZZ_S ?= 60
 
-.PHONY: setup run test check bench models clean
+.PHONY: setup run test slow fuzz check bench models udev clean
 
 setup: $(STAMP)
 
@@ -23,11 +25,22 @@ run: setup
 test: setup
 	$(VENV)/bin/python -m pytest -q
 
+# Needs: apt install qemu-system-x86 busybox-static cpio kmod
+slow: setup
+	$(VENV)/bin/python -m pytest -q -m slow
+
 check: setup
 	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" ./check
 
 bench: setup
 	$(VENV)/bin/python tests/bench/bench.py
+
+# FUZZ_S seconds in all; corpus and failing inputs stay in out/fuzz.
+fuzz: setup
+	for target in $(FUZZ_TARGETS); do \
+	  $(VENV)/bin/python tests/fuzz/fuzz.py $$target out/fuzz \
+	    -max_total_time=$$(( $(FUZZ_S) / $(words $(FUZZ_TARGETS)) )) || exit 1; \
+	done
 
 # The shipped models, made again from nothing: simulated scenes, then training.
 models: setup
@@ -38,6 +51,14 @@ models: setup
 	  $(ERTIS) train out/training.mcap -o detector/ertis_detector/models || exit 1; \
 	done
 	rm -f out/training.mcap
+
+# Lets the group dialout open the sonar, and names it /dev/ertis-SERIALNUMBER: sudo make udev
+udev:
+	install -D -m 644 udev/70-ertis.rules $(DESTDIR)/etc/udev/rules.d/70-ertis.rules
+ifeq ($(DESTDIR),)
+	udevadm control --reload
+	udevadm trigger --subsystem-match=usb --subsystem-match=tty
+endif
 
 clean:
 	rm -rf $(VENV) out .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,9 +1,9 @@
-"""The emitted sweep: what it is, its samples, and the DAC codes that the device is given."""
+"""What is emitted: sweeps, their samples, and the DAC codes that the device is given."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,36 @@ ChirpKind = Literal["hyperbolic", "linear"]
 DAC_IDLE_CODE = 2048  # 12 bits, mid-scale
 MIN_DAC_RATE_HZ, MAX_DAC_RATE_HZ = 160_000, 2_000_000
 MIN_DAC_SAMPLES, MAX_DAC_SAMPLES = 64, 65_535
+
+
+class Emission(Protocol):
+    """What a device can emit: a ``Chirp`` or a ``CustomChirp``. Equal if it sounds equal."""
+
+    @property
+    def name(self) -> str:
+        """What recordings, models and events call it."""
+
+    @property
+    def dac_rate_hz(self) -> int:
+        """Rate at which the device plays it, Hz."""
+
+    @property
+    def num_dac_samples(self) -> int:
+        """Number of samples the device plays."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length, s."""
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency in it, Hz."""
+
+    def samples(self, rate_hz: float) -> npt.NDArray[np.float64]:
+        """It at another rate, in [-1, 1]; float64, shape (duration * rate + 1,)."""
+
+    def dac_codes(self) -> npt.NDArray[np.uint16]:
+        """What the device is told to play; uint16, shape (n,), 12 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +82,7 @@ class Chirp:
             raise SettingsError(
                 f"chirp kind {self.kind!r}, expected one of {', '.join(get_args(ChirpKind))}"
             )
-        if not MIN_DAC_RATE_HZ <= self.dac_rate_hz <= MAX_DAC_RATE_HZ:
-            raise SettingsError(
-                f"DAC rate {self.dac_rate_hz} Hz, expected {MIN_DAC_RATE_HZ} to {MAX_DAC_RATE_HZ}"
-            )
+        check_dac_rate(self.dac_rate_hz)
         for name, value in (("start", self.f_start_hz), ("stop", self.f_stop_hz)):
             if not 0 < value < self.dac_rate_hz / 2:
                 raise SettingsError(
@@ -68,16 +95,18 @@ class Chirp:
             raise SettingsError(f"chirp ramp {self.ramp:g}, expected 0 to 0.5 of the samples")
         if not (self.duration_s > 0 and np.isfinite(self.duration_s)):
             raise SettingsError(f"chirp duration {self.duration_s:g} s, expected above 0")
-        if not MIN_DAC_SAMPLES <= self.num_dac_samples <= MAX_DAC_SAMPLES:
-            raise SettingsError(
-                f"chirp of {self.num_dac_samples} DAC samples, expected {MIN_DAC_SAMPLES} to "
-                f"{MAX_DAC_SAMPLES}: change duration or DAC rate"
-            )
+        check_num_samples(self.num_dac_samples)
 
     @property
     def num_dac_samples(self) -> int:
         """Number of samples the device plays: both ends are included."""
         return round(self.duration_s * self.dac_rate_hz) + 1
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency of the sweep, Hz."""
+        low, high = sorted((self.f_start_hz, self.f_stop_hz))
+        return low, high
 
     @property
     def name(self) -> str:
@@ -97,6 +126,11 @@ class Chirp:
             If the text is of another form or the values cannot be played.
         """
         parts = text.split(":")
+        if parts[0] == "custom":
+            raise SettingsError(
+                f"chirp {text!r} is known by its samples only, expected kind:start_hz:stop_hz:"
+                "duration_s: name the recording or the CSV file that holds it"
+            )
         try:
             kind, start, stop, duration = parts
             values = float(start), float(stop), float(duration)
@@ -139,9 +173,46 @@ class Chirp:
 
     def dac_codes(self) -> npt.NDArray[np.uint16]:
         """What the device is told to play: floor(2047 s + 2048); uint16, shape (n,), 12 bits."""
-        codes = np.floor(2047 * self.samples(self.dac_rate_hz) + DAC_IDLE_CODE)
-        return np.asarray(codes.astype(np.uint16))
+        return to_dac_codes(self.samples(self.dac_rate_hz))
+
+
+def to_dac_codes(samples: npt.NDArray[np.float64]) -> npt.NDArray[np.uint16]:
+    """12-bit codes of samples in [-1, 1]: floor(2047 s + 2048); uint16, any shape."""
+    return np.asarray(np.floor(2047 * samples + DAC_IDLE_CODE).astype(np.uint16))
+
+
+def check_dac_rate(dac_rate_hz: int) -> None:
+    """Refuse a DAC rate that the device does not have.
+
+    Raises
+    ------
+    SettingsError
+    """
+    if not isinstance(dac_rate_hz, int) or not MIN_DAC_RATE_HZ <= dac_rate_hz <= MAX_DAC_RATE_HZ:
+        raise SettingsError(
+            f"DAC rate {dac_rate_hz} Hz, expected a whole number from {MIN_DAC_RATE_HZ} to "
+            f"{MAX_DAC_RATE_HZ}"
+        )
+
+
+def check_num_samples(num_samples: int) -> None:
+    """Refuse a number of samples that the device's memory does not take.
+
+    Raises
+    ------
+    SettingsError
+    """
+    if not MIN_DAC_SAMPLES <= num_samples <= MAX_DAC_SAMPLES:
+        raise SettingsError(
+            f"chirp of {num_samples} DAC samples, expected {MIN_DAC_SAMPLES} to "
+            f"{MAX_DAC_SAMPLES}: change duration or DAC rate"
+        )
 
 
 DEFAULT_CHIRP = Chirp()  # 80 to 20 kHz: the dish's rings need this bandwidth to be told apart
 INCUMBENT_CHIRP = Chirp(f_start_hz=50_000.0, f_stop_hz=25_000.0)  # what older recordings hold
+# The paper wishes linear sweeps, 180 to 30 kHz in 1 ms and 160 to 10 kHz in 6 ms. Transducer and
+# microphones follow neither above some 80 kHz nor below 20 kHz, so the ends are limited to these.
+# The durations stay, and with them the energy; the slope (Hz/s) is less than the paper's.
+PAPER_SHORT_CHIRP = Chirp("linear", 80_000.0, 30_000.0, 1e-3)
+PAPER_LONG_CHIRP = Chirp("linear", 80_000.0, 20_000.0, 6e-3)

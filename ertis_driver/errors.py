@@ -37,12 +37,24 @@ class WrongDevice(DeviceError):
     """Something answers on the port, but not as an eRTIS does: name another port."""
 
 
+class DeviceBabbles(DeviceError):
+    """It sends without end, unasked: stop its trigger or replug it; or it is no eRTIS."""
+
+
 class DeviceLost(DeviceError):
     """The device went away while open: reopen it."""
 
 
+class PingLost(DeviceError):
+    """The device went away during this ping, and is reopened once it is back: ping again."""
+
+
 class FrameCorrupt(DeviceError):
     """The frame of this ping is damaged and was dropped: ping again."""
+
+
+class UploadFailed(DeviceError):
+    """The device holds another chirp than was sent: configure it again."""
 
 
 class DeviceUnsupported(DeviceError):

@@ -3,51 +3,39 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Callable
 
 from ertis_driver import protocol
-from ertis_driver.chirp import Chirp
+from ertis_driver.clock import HostClock
 from ertis_driver.closing import Closing
 from ertis_driver.device import DeviceInfo, Settings
+from ertis_driver.discover import find_port
 from ertis_driver.errors import (
-    DeviceError,
     DeviceTimeout,
     ErtisError,
     FrameCorrupt,
     NotConfigured,
-    WrongDevice,
 )
-from ertis_driver.frame import PDM_RATE_HZ, PdmFrame
-from ertis_driver.frame_parser import FrameParser
+from ertis_driver.exchanges import Exchange, Exchanges
+from ertis_driver.frame import PdmFrame
+from ertis_driver.frame_reader import Arrival, FrameReader
 from ertis_driver.links import Link, SerialLink
+from ertis_driver.ping_counter import PingCounter
+from ertis_driver.registers import Registers
+from ertis_driver.trigger_time import Interval, commanded, heard_of
+from ertis_driver.upload import Progress
 
 log = logging.getLogger(__name__)
-
-QUIET_S = 0.03  # a frame still on its way has no gaps this long: the link is clean then
-UPLOAD_BATCH = 16  # commands of at most 16 B: half a high-speed USB packet in flight
-MIN_BYTES_PER_S = 4e6  # far below USB high speed (33e6 at best); for the deadline only
-READ_BYTES = 65_536
-MAX_GAP = 1_000_000  # a day at 10 Hz; a larger jump is a counter that started anew
-EXCHANGES_KEPT = 20
-
-
-@dataclass(frozen=True, slots=True)
-class Exchange:
-    """One command and what came back, for error reports.
-
-    monotonic_s : float
-        ``time.monotonic()`` when it was sent.
-    """
-
-    monotonic_s: float
-    sent: str
-    received: str
 
 
 class ErtisDevice(Closing):
     """An eRTIS on a link; implements ``Sonar``. Owns the link, and asks who answers at once.
+
+    A device whose ping counter starts anew has restarted and lost its chirp: the frame that shows
+    it is dropped (``FrameCorrupt``), and the settings are sent again before the next ping.
 
     Parameters
     ----------
@@ -62,13 +50,10 @@ class ErtisDevice(Closing):
         none of it; an emulator with a simulated world computes for up to a second.
     trigger_form
         How ``A`` is sent; the incumbent's Linux and Windows clients disagree.
-
-    Attributes
-    ----------
-    pings_lost : int
-        Gaps in the device's ping counter.
-    exchanges : deque of Exchange
-        The last 20, oldest first.
+    progress
+        Called with samples sent and samples in all while a chirp is uploaded.
+    clock
+        The host's.
 
     Raises
     ------
@@ -76,6 +61,8 @@ class ErtisDevice(Closing):
         If nothing answers.
     WrongDevice
         If what answers is no eRTIS.
+    DeviceBabbles
+        If it sends without end.
     """
 
     def __init__(
@@ -86,24 +73,31 @@ class ErtisDevice(Closing):
         timeout_s: float = 1.0,
         frame_timeout_s: float = 5.0,
         trigger_form: protocol.TriggerForm = "linux",
+        progress: Progress | None = None,
+        clock: HostClock | None = None,
     ) -> None:
         self._link = link
-        self._address = address
-        self._timeout_s = timeout_s
         self._frame_timeout_s = frame_timeout_s
         self._trigger_form = trigger_form
+        self._clock = clock or HostClock()
+        self._turn = threading.RLock()  # one ping or configuration at a time
+        self._exchanges = Exchanges(link, timeout_s)
+        self._registers = Registers(self._exchanges, progress)
+        self._counter = PingCounter(1.0)
         self._settings: Settings | None = None
-        self._parser: FrameParser | None = None
-        self._buffer = memoryview(bytearray(READ_BYTES))
-        self._last_index: int | None = None
-        self._unsettled = True
-        self.pings_lost = 0
-        self.exchanges: deque[Exchange] = deque(maxlen=EXCHANGES_KEPT)
+        self._reader: FrameReader | None = None
+        self._lost_before = (0, 0)  # bytes and frames, by readers of other frame sizes
+        self._unsettled = False
+        self._restarted = False
+        self._owed = 0  # pings since the last frame, which the device may still answer
         try:
-            self._info = self._identify()
+            version = self._registers.identify(frame_timeout_s)
         except BaseException:
             link.close()
             raise
+        self._info = DeviceInfo(
+            address, protocol.parse_source(version), protocol.parse_firmware(version)
+        )
 
     @property
     def info(self) -> DeviceInfo:
@@ -120,33 +114,69 @@ class ErtisDevice(Closing):
         """Whether real hardware made the frames."""
         return self._info.source == "live"
 
+    @property
+    def exchanges(self) -> deque[Exchange]:
+        """The last 20 commands and answers, oldest first."""
+        return self._exchanges.kept
+
+    @property
+    def pings_lost(self) -> int:
+        """Pings missing in the device's counter."""
+        return self._counter.pings_lost
+
+    @property
+    def restarts(self) -> int:
+        """How often the device's counter began anew unasked."""
+        return self._counter.restarts
+
+    @property
+    def bytes_lost(self) -> int:
+        """Bytes that belonged to no frame."""
+        in_frames = self._reader.bytes_lost if self._reader else 0
+        return self._exchanges.bytes_lost + self._lost_before[0] + in_frames
+
+    @property
+    def frames_corrupt(self) -> int:
+        """Frames cut short or damaged."""
+        return self._lost_before[1] + (self._reader.frames_corrupt if self._reader else 0)
+
     def configure(self, settings: Settings) -> None:
         """Send settings and chirp.
 
         Raises
         ------
-        DeviceTimeout, DeviceLost, WrongDevice
+        DeviceUnsupported
+            If the firmware has no amplifier or external trigger, and one was asked for.
+        DeviceTimeout, DeviceLost, DeviceBabbles, WrongDevice
             If it does not answer as an eRTIS.
-        DeviceError
+        UploadFailed
             If it holds another chirp than was sent.
         """
-        self._settings = None
-        chirp = settings.chirp
-        self._info = self._identify()
-        try:
-            self._command(protocol.encode_frame_size(settings.num_words))
-            self._command(protocol.encode_command("F", 0))
-            self._command(protocol.encode_command("D", chirp.dac_rate_hz))
-            self._command(protocol.encode_command("E", chirp.num_dac_samples))
-            self._command(protocol.encode_command("L"))
-            self._upload_checked(chirp)
-            self._command(protocol.encode_command("I", 1))
-        except ErtisError:
-            self._unsettled = True
-            raise
-        if self._parser is None or self._parser.num_words != settings.num_words:
-            self._parser = FrameParser(settings.num_words)
-        self._settings = settings
+        with self._turn:
+            self._settings = None
+            if self._reader is not None:
+                in_frames, corrupt = self._reader.bytes_lost, self._reader.frames_corrupt
+                self._lost_before = self._lost_before[0] + in_frames, self._lost_before[1] + corrupt
+                self._reader = None
+            if self._restarted:
+                self._registers.forget()
+            elif self._unsettled:
+                self._registers.forget_chirp()  # who knows why a ping failed
+            version = self._registers.identify(self._frame_timeout_s)
+            self._registers.set(settings, version)
+            if self._restarted or settings.first_ping_index is not None:
+                self._counter.forget()
+            self._counter.listening_s = settings.listening_s
+            self._reader = FrameReader(
+                self._link,
+                settings.num_words,
+                self._counter.plausible,
+                listening_s=settings.listening_s,
+                gap_s=self._exchanges.timeout_s,
+                slack_s=self._frame_timeout_s,
+            )
+            self._restarted = self._unsettled = False
+            self._settings = settings
 
     def ping(self, *, active: bool = True) -> PdmFrame:
         """Ping and wait for the frame.
@@ -154,175 +184,170 @@ class ErtisDevice(Closing):
         Raises
         ------
         NotConfigured
-            Before ``configure``.
+            Before ``configure``, or if an external trigger is set.
         DeviceTimeout
             If no byte of the frame came in time.
         FrameCorrupt
-            If only part of it came, or it was damaged.
+            If only part of it came, it was damaged, or the device had restarted.
         DeviceLost
             If the device went away.
         """
-        if self._settings is None or self._parser is None:
-            raise NotConfigured(f"{self._link.name} holds no settings: configure it first")
-        if self._unsettled:
-            self._settle()
-        self._unsettled = True  # until a whole frame proves the opposite
-        self._parser.clear()
-        command = protocol.encode_trigger(active=active, form=self._trigger_form)
-        sent_s = time.monotonic()
-        before_ns = time.time_ns()
-        self._link.write(command, sent_s + self._timeout_s)
-        after_ns = time.time_ns()
-        try:
-            frame = self._read_frame(self._parser)
-        except ErtisError as error:
-            self._note(sent_s, command, f"{type(error).__name__}: {error}")
-            raise
-        self._note(sent_s, command, f"frame {frame.index}, {len(frame.words)} words")
-        self._unsettled = False
-        self._count_lost(frame.index)
-        return PdmFrame(
-            words=frame.words,
-            ping_index=frame.index,
-            ping_time_ns=(before_ns + after_ns) // 2,
-            time_uncertainty_ns=(max(0, after_ns - before_ns) + 1) // 2,
-            active=active,
-        )
+        with self._turn:
+            settings, reader = self._ready()
+            if settings.external_trigger is not None:
+                raise NotConfigured(
+                    f"{self._link.name} pings at edges on pin {settings.external_trigger.pin}: use "
+                    "wait_frame, or configure it without external_trigger"
+                )
+            if not reader.start_clean() or self._unsettled:
+                self._exchanges.fence(self._registers.version_word, self._patience_s(settings))
+                reader.start_clean()
+            self._unsettled = True  # until a whole frame proves the opposite
+            command = protocol.encode_trigger(active=active, form=self._trigger_form)
+            before_s = time.monotonic()
+            self._link.write(command, before_s + self._exchanges.timeout_s)
+            triggered_s = commanded(before_s, time.monotonic())
+            time_ns = self._unix_ns(triggered_s)  # before a step of the clock can come between
+            try:
+                arrival = self._answer(before_s + self._patience_s(settings))
+            except ErtisError as error:
+                self._exchanges.note(before_s, command, f"{type(error).__name__}: {error}")
+                raise
+            self._exchanges.note(before_s, command, f"frame {arrival.raw.index}")
+            self._unsettled = False
+            return self._frame(arrival, settings, time_ns, triggered_s, active=active)
+
+    def wait_frame(self, timeout_s: float) -> PdmFrame:
+        """Return the next frame that the external trigger makes the device send.
+
+        The time of its ping is estimated from its arrival; ``time_uncertainty_ns`` says how well.
+
+        Parameters
+        ----------
+        timeout_s
+            Patience for a frame to begin, s.
+
+        Raises
+        ------
+        NotConfigured
+            Before ``configure``, or if no external trigger is set.
+        DeviceTimeout
+            If no frame began in time.
+        FrameCorrupt
+            If only part of it came, it was damaged, or the device had restarted.
+        DeviceLost
+            If the device went away.
+        """
+        with self._turn:
+            settings, _ = self._ready()
+            trigger = settings.external_trigger
+            if trigger is None:
+                raise NotConfigured(
+                    f"{self._link.name} has no external trigger set: configure it with one, or ping"
+                )
+            deadline = time.monotonic() + timeout_s
+            try:
+                arrival = self._next_ping(lambda: deadline)
+            except DeviceTimeout as error:
+                raise DeviceTimeout(
+                    f"no edge on pin {trigger.pin} of {self._link.name} in {timeout_s:g} s, or its "
+                    "frame was lost: wait again, or look at the trigger's wiring"
+                ) from error
+            triggered_s = heard_of(arrival, settings.listening_s)
+            time_ns = self._unix_ns(triggered_s)
+            return self._frame(arrival, settings, time_ns, triggered_s, active=trigger.active)
 
     def close(self) -> None:
-        """Give the link back. May be called twice."""
-        self._settings = None
+        """Give the link back. May be called twice, and from any thread.
+
+        What this session switched on is switched off, unless another thread is in the middle of a
+        ping, which ends with ``DeviceLost``.
+        """
+        if self._turn.acquire(blocking=False):
+            try:
+                if self._settings is not None:
+                    self._settings = None
+                    self._registers.leave()
+            finally:
+                self._turn.release()
         self._link.close()
 
-    def _identify(self) -> DeviceInfo:
-        self._settle()
-        try:
-            word = self._command(protocol.encode_command("Y"))
-            source = protocol.parse_source(word)
-        except DeviceTimeout as error:
-            raise DeviceTimeout(
-                f"no answer in {self._timeout_s:g} s at {self._link.name}: not an eRTIS, or it "
-                "hangs; check the port name, or replug it"
-            ) from error
-        except WrongDevice as error:
-            raise WrongDevice(f"{self._link.name}: {error}; name another port") from error
-        return DeviceInfo(self._address, source, protocol.parse_firmware(word))
+    def _ready(self) -> tuple[Settings, FrameReader]:
+        if self._restarted and self._settings is not None:
+            log.warning("%s: restarted, its settings are sent again", self._link.name)
+            self.configure(self._settings)
+        if self._settings is None or self._reader is None:
+            raise NotConfigured(f"{self._link.name} holds no settings: configure it first")
+        return self._settings, self._reader
 
-    def _upload_checked(self, chirp: Chirp) -> None:
-        codes = [int(code) for code in chirp.dac_codes()]
-        expected = protocol.chirp_hash(chirp.dac_codes())
-        # Never skipped, whatever the hash was before: it is blind to order.
-        self._upload(codes)
-        met = self._command(protocol.encode_command("L"))
-        if met == expected:
-            return
-        # Nobody knows whether L covers the samples in use or the whole buffer. With zeros in the
-        # former, it yields what the rest of the buffer adds.
-        log.info("%s: chirp hash 0x%x, expected 0x%x: checking", self._link.name, met, expected)
-        self._upload([0] * len(codes))
-        rest = self._command(protocol.encode_command("L"))
-        self._upload(codes)
-        met = self._command(protocol.encode_command("L"))
-        if met ^ rest != expected:
-            raise DeviceError(
-                f"{self._link.name} holds another chirp than was sent (hash 0x{met ^ rest:x}, "
-                f"expected 0x{expected:x}): configure it again, replug it if that persists"
-            )
+    def _patience_s(self, settings: Settings) -> float:
+        return self._frame_timeout_s + settings.listening_s
 
-    def _upload(self, codes: list[int]) -> None:
-        for start in range(0, len(codes), UPLOAD_BATCH):
-            batch = codes[start : start + UPLOAD_BATCH]
-            self._exchange(
-                b"".join(
-                    protocol.encode_command("C", start + offset, code)
-                    for offset, code in enumerate(batch)
-                ),
-                protocol.REPLY_BYTES * len(batch),
-            )
+    def _answer(self, deadline_s: float) -> Arrival:
+        """The frame of this ping, not one that an earlier ping's patience did not last for.
 
-    def _command(self, command: bytes) -> int:
-        return protocol.decode_reply(self._exchange(command, protocol.REPLY_BYTES))
-
-    def _exchange(self, command: bytes, num_reply_bytes: int) -> bytes:
-        sent_s = time.monotonic()
-        deadline = sent_s + self._timeout_s
-        reply = bytearray(num_reply_bytes)
-        count = 0
-        try:
-            self._link.write(command, deadline)
-            while count < num_reply_bytes:
-                got = self._link.read_into(memoryview(reply)[count:], deadline)
-                if got == 0:
-                    raise DeviceTimeout(
-                        f"{self._link.name} answered {_shown(command)} with {count} of "
-                        f"{num_reply_bytes} bytes in {self._timeout_s:g} s: configure it again"
-                    )
-                count += got
-        finally:
-            self._note(sent_s, command, bytes(reply[:count]).hex(" ", 4))
-        return bytes(reply)
-
-    def _read_frame(self, parser: FrameParser) -> protocol.RawFrame:
-        size = protocol.frame_bytes(parser.num_words)
-        patience_s = self._frame_timeout_s + parser.num_words / PDM_RATE_HZ + size / MIN_BYTES_PER_S
-        started_s = time.monotonic()
-        final = started_s + patience_s
-        deadline = final
-        corrupt = parser.frames_corrupt
-        met = 0
+        What was asked is answered in its order: behind a late frame comes one more.
+        """
+        owed, self._owed = self._owed, self._owed + 1
         while True:
-            count = self._link.read_into(self._buffer, deadline)
-            if count == 0:
-                break
-            met += count
-            frames = parser.feed(self._buffer[:count])
-            if frames:
-                return frames[-1]
-            # Once it talks, silence is failure: do not wait for the whole deadline.
-            deadline = min(final, time.monotonic() + self._timeout_s)
-        parser.clear()
-        waited_s = time.monotonic() - started_s
-        if met == 0:
-            raise DeviceTimeout(
-                f"no frame from {self._link.name} in {waited_s:.1f} s: ping again, or replug it"
-            )
-        damage = "header or footer wrong" if parser.frames_corrupt > corrupt else "then silence"
-        raise FrameCorrupt(
-            f"frame from {self._link.name}: {met} of {size} bytes in {waited_s:.1f} s, {damage}; "
-            "ping again"
+            last = self._counter.last_index
+            try:
+                arrival = self._next_ping(lambda: deadline_s)
+            except FrameCorrupt:
+                if last is None or self._restarted:
+                    self._owed = 0  # damaged, but an answer
+                raise
+            # With nothing to count from, the first one is late if there may be a late one at all.
+            ahead = 1 if last is None else (arrival.raw.index - last) % protocol.INDEX_MODULUS
+            if not 0 < ahead <= owed:
+                self._owed = 0
+                return arrival
+            log.warning("ping %d: its frame came late, dropped", arrival.raw.index)
+            self._counter.drop()
+            # If no more comes, the device missed a ping: the next frame is the next ping's.
+            owed, self._owed = owed - ahead, 0
+
+    def _next_ping(self, deadline: Callable[[], float]) -> Arrival:
+        assert self._reader is not None
+        while True:
+            last = self._counter.last_index
+            arrival = self._reader.read(deadline())
+            step = self._counter.take(arrival.raw.index)
+            if step == "next":
+                return arrival
+            if step == "restart":
+                self._restarted = True
+                raise FrameCorrupt(
+                    f"ping {arrival.raw.index} of {self._link.name} follows ping {last}: it "
+                    "restarted and lost its settings, or the frame is damaged; ping again, they "
+                    "are sent again before"
+                )
+            log.warning("ping %d came again: dropped", arrival.raw.index)
+
+    def _unix_ns(self, interval_s: Interval) -> int:
+        return self._clock.unix_ns(sum(interval_s) / 2)
+
+    def _frame(
+        self,
+        arrival: Arrival,
+        settings: Settings,
+        time_ns: int,
+        triggered_s: Interval,
+        *,
+        active: bool,
+    ) -> PdmFrame:
+        step_ns = self._clock.take_step_ns()
+        if step_ns:
+            log.warning("ping %d: the clock was set by %d ns", arrival.raw.index, step_ns)
+        return PdmFrame(
+            words=arrival.raw.words,
+            ping_index=arrival.raw.index,
+            ping_time_ns=time_ns,
+            time_uncertainty_ns=round((triggered_s[1] - triggered_s[0]) / 2 * 1e9),
+            active=active,
+            pdm_rate_hz=settings.pdm_rate_hz,
+            clock_step_ns=step_ns,
         )
-
-    def _settle(self) -> None:
-        """Throw away what still comes from before, until the link is quiet."""
-        end = time.monotonic() + self._frame_timeout_s
-        count = 0
-        while time.monotonic() < end:
-            got = self._link.read_into(self._buffer, time.monotonic() + QUIET_S)
-            if got == 0:
-                break
-            count += got
-        if count:
-            log.info("%s: %d stale bytes thrown away", self._link.name, count)
-        self._unsettled = False
-
-    def _count_lost(self, index: int) -> None:
-        if self._last_index is not None:
-            gap = (index - self._last_index) % protocol.INDEX_MODULUS - 1
-            if 0 < gap <= MAX_GAP:
-                self.pings_lost += gap
-                log.warning("ping %d: %d lost before it", index, gap)
-            elif gap != 0:
-                log.warning("ping %d follows ping %d: counter reset", index, self._last_index)
-        self._last_index = index
-
-    def _note(self, sent_s: float, command: bytes, received: str) -> None:
-        self.exchanges.append(Exchange(sent_s, _shown(command), received))
-
-
-def _shown(command: bytes) -> str:
-    first, _, rest = command.decode("ascii").partition("\n")
-    more = rest.count("\n")
-    return f"{first} and {more} more" if more else first
 
 
 def open_serial(
@@ -331,17 +356,19 @@ def open_serial(
     timeout_s: float = 1.0,
     frame_timeout_s: float = 5.0,
     trigger_form: protocol.TriggerForm = "linux",
+    progress: Progress | None = None,
 ) -> ErtisDevice:
-    """Open the eRTIS on a serial port, for example ``/dev/ttyACM0``.
+    """Open the eRTIS on a serial port: ``/dev/ttyACM0``, or ``sn=ABC`` by its serial number.
 
     Raises
     ------
-    DeviceNotFound, DevicePermission, DeviceBusy, WrongDevice, DeviceTimeout
+    DeviceNotFound, DevicePermission, DeviceBusy, WrongDevice, DeviceTimeout, DeviceBabbles
     """
     return ErtisDevice(
-        SerialLink(port),
+        SerialLink(find_port(port)),
         f"serial:{port}",
         timeout_s=timeout_s,
         frame_timeout_s=frame_timeout_s,
         trigger_form=trigger_form,
+        progress=progress,
     )

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 PDM_RATE_HZ = 4_500_000  # ultrasound mode (F = 0)
+AUDIBLE_PDM_RATE_HZ = 1_125_000  # audible mode (F = 1): a frame lasts four times as long
 DECIMATION = 10
 AUDIO_RATE_HZ = PDM_RATE_HZ // DECIMATION
 NUM_MICS = 32  # one bit of a PDM word each
@@ -22,7 +23,7 @@ class PdmFrame:
     """What the 32 microphones heard after one ping.
 
     words : uint32, shape (num_words,)
-        Bit ``m`` of ``words[n]`` is microphone ``m``'s PDM bit, ``n / PDM_RATE_HZ`` s in.
+        Bit ``m`` of ``words[n]`` is microphone ``m``'s PDM bit, ``n / pdm_rate_hz`` s in.
     ping_index : int
         The device's own counter, modulo 2**32. A gap is a lost ping.
     ping_time_ns : int
@@ -31,6 +32,11 @@ class PdmFrame:
         Half-width of the interval in which the trigger happened.
     active : bool
         A chirp was emitted; False means the sonar only listened.
+    pdm_rate_hz : int
+        Words a second: 4,500,000, or 1,125,000 in audible mode.
+    clock_step_ns : int
+        How far the host clock was set (forward is positive) since the ping before. Not 0: times
+        before and from this ping on do not compare.
     """
 
     words: npt.NDArray[np.uint32]
@@ -38,3 +44,5 @@ class PdmFrame:
     ping_time_ns: int
     time_uncertainty_ns: int = 0
     active: bool = True
+    pdm_rate_hz: int = PDM_RATE_HZ
+    clock_step_ns: int = 0

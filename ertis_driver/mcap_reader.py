@@ -12,6 +12,7 @@ from typing import IO, Any
 from mcap.exceptions import McapError
 from mcap.records import Channel, DataEnd, Footer, McapRecord, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader
+from zstandard import ZstdError
 
 from ertis_driver.errors import FrameCorrupt, RecordingError
 from ertis_driver.frame import PdmFrame
@@ -33,6 +34,8 @@ DAMAGE = (
     TypeError,
     AttributeError,
     EOFError,
+    RuntimeError,  # lz4
+    ZstdError,
 )
 
 
@@ -55,7 +58,7 @@ def read_info(path: Path) -> RecordingInfo:
     raise RecordingError(f"{path} is an MCAP file, but no sonar recording: name another file")
 
 
-def read_pings(path: Path, num_words: int) -> Iterator[RecordedPing]:
+def read_pings(path: Path, info: RecordingInfo) -> Iterator[RecordedPing]:
     """Yield the pings in order.
 
     Raises
@@ -75,8 +78,8 @@ def read_pings(path: Path, num_words: int) -> Iterator[RecordedPing]:
         parts[topic] = record
         if topic == "pdm":
             try:
-                ping = _ping(parts, num_words)
-            except (FrameCorrupt, ValueError, KeyError, TypeError) as error:
+                ping = _ping(parts, info)
+            except (FrameCorrupt, ValueError, KeyError, TypeError, RecursionError) as error:
                 raise RecordingError(
                     f"{path} is damaged after {num_pings} pings ({error}): record it again"
                 ) from error
@@ -85,10 +88,10 @@ def read_pings(path: Path, num_words: int) -> Iterator[RecordedPing]:
             parts = {}
 
 
-def _ping(parts: dict[str, Message], num_words: int) -> RecordedPing:
+def _ping(parts: dict[str, Message], info: RecordingInfo) -> RecordedPing:
     raw = decode_frame(parts["pdm"].data)
-    if len(raw.words) != num_words:
-        raise ValueError(f"frame of {len(raw.words)} words, expected {num_words}")
+    if len(raw.words) != info.num_words:
+        raise ValueError(f"frame of {len(raw.words)} words, expected {info.num_words}")
     if "ping" not in parts:
         raise ValueError(f"frame {raw.index} without its description")
     about: dict[str, Any] = json.loads(parts["ping"].data)
@@ -101,6 +104,8 @@ def _ping(parts: dict[str, Message], num_words: int) -> RecordedPing:
         ping_time_ns=parts["pdm"].log_time,
         time_uncertainty_ns=about["time_uncertainty_ns"],
         active=about["active"],
+        pdm_rate_hz=info.pdm_rate_hz,
+        clock_step_ns=about["clock_step_ns"],
     )
     return RecordedPing(frame, truth, about["temperature_c"])
 

@@ -11,19 +11,26 @@ from ertis_driver.errors import AddressError
 # Names, not imports: a replay must not need pyserial, nor the driver the simulator.
 KINDS: dict[str, str] = {
     "serial": "ertis_driver.ertis_device:open_serial",
+    "usb": "ertis_driver.usb_device:open_usb",
     "replay": "ertis_driver.replay_device:open_replay",
     "sim": "ertis_simulator.device:open_sim",
 }
-EXAMPLES = "serial:/dev/ttyACM0, replay:garage.mcap, sim:hall.yaml"
+HARDWARE = ("serial", "usb")
+EXAMPLES = "serial:/dev/ttyACM0, usb:0483:5740, replay:garage.mcap, sim:hall.yaml"
 
 
-def open_device(address: str, **options: Any) -> Sonar:
+def open_device(address: str, *, reconnect: bool = False, **options: Any) -> Sonar:
     """Open the sonar at ``kind:where``.
 
     Parameters
     ----------
     address
-        ``serial:PORT``, ``replay:RECORDING`` or ``sim:SCENE``.
+        ``serial:PORT``, ``serial:sn=NUMBER``, ``usb:VID:PID``, ``usb:VID:PID:NUMBER``,
+        ``usb:sn=NUMBER``, ``replay:RECORDING`` or ``sim:SCENE``. NUMBER is the device's own serial
+        number, which a replug does not change, as it may change the port.
+    reconnect
+        Whether hardware that was unplugged is opened again; see ``ReconnectingSonar``. A recording
+        or simulation cannot go away: there it changes nothing.
     options
         Passed on to that kind of device.
 
@@ -43,7 +50,10 @@ def open_device(address: str, **options: Any) -> Sonar:
             f"address {address!r} is of unknown kind {kind!r}, expected one of {', '.join(KINDS)} "
             f"({EXAMPLES})"
         )
-    module_name, _, factory_name = KINDS[kind].partition(":")
+    name = KINDS[kind]
+    if reconnect and kind in HARDWARE:
+        name, where = "ertis_driver.reconnect:ReconnectingSonar", address
+    module_name, _, factory_name = name.partition(":")
     try:
         factory = getattr(import_module(module_name), factory_name)
     except ImportError as error:

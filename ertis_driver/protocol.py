@@ -19,7 +19,7 @@ from ertis_driver.chirp import (
     MIN_DAC_RATE_HZ,
     MIN_DAC_SAMPLES,
 )
-from ertis_driver.device import MAX_NUM_WORDS, WORDS_STEP
+from ertis_driver.device import MAX_EMISSIONS, MAX_NUM_WORDS, WORDS_STEP
 from ertis_driver.errors import FrameCorrupt, SettingsError, WrongDevice
 from ertis_driver.frame import Source
 
@@ -55,7 +55,7 @@ COMMANDS: dict[str, CommandSpec] = {
     "E": CommandSpec("number of DAC samples", ((MIN_DAC_SAMPLES, MAX_DAC_SAMPLES),)),
     "C": CommandSpec("one DAC sample: index, code", ((0, MAX_DAC_SAMPLES - 1), (0, 4095))),
     "L": CommandSpec("XOR of the DAC codes held"),
-    "I": CommandSpec("emissions per ping", ((1, 65_535),)),
+    "I": CommandSpec("emissions per ping", ((1, MAX_EMISSIONS),)),
     "B": CommandSpec("ping counter", ((0, INDEX_MODULUS - 1),)),
     "H": CommandSpec("externally triggered pings: 0 = passive, 1 = active", ((0, 1),)),
     "J": CommandSpec("external trigger: enable, pin", ((0, 1), (1, 2))),

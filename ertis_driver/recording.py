@@ -30,7 +30,7 @@ __all__ = [
 FRAME_LAYOUT = b"""\
 A ping as the eRTIS sends it; every field is a little-endian uint32:
 header 0x51534E12, ping index, N PDM words, footer 0x2F418672.
-Bit m of word n is microphone m's PDM bit, n / 4.5e6 s after the start.
+Bit m of word n is microphone m's PDM bit, n / pdm_rate_hz s after the start.
 """
 PING_SCHEMA = {
     "type": "object",
@@ -38,6 +38,7 @@ PING_SCHEMA = {
         "ping_index": {"type": "integer", "minimum": 0},
         "active": {"type": "boolean", "description": "a chirp was emitted"},
         "time_uncertainty_ns": {"type": "integer", "minimum": 0},
+        "clock_step_ns": {"type": "integer", "description": "host clock set since the last ping"},
         "temperature_c": {"type": ["number", "null"]},
     },
     "required": ["ping_index", "active", "time_uncertainty_ns", "temperature_c"],
@@ -116,10 +117,16 @@ class RecordingWriter(Closing):
                 f"{self.path}: frame of shape {frame.words.shape}, expected "
                 f"({self.info.num_words},) as the recording began"
             )
+        if frame.pdm_rate_hz != self.info.pdm_rate_hz:
+            raise RecordingError(
+                f"{self.path}: frame at {frame.pdm_rate_hz} Hz, expected {self.info.pdm_rate_hz} "
+                "as the recording began"
+            )
         ping = {
             "ping_index": int(frame.ping_index),
             "active": bool(frame.active),
             "time_uncertainty_ns": int(frame.time_uncertainty_ns),
+            "clock_step_ns": int(frame.clock_step_ns),
             "temperature_c": self.info.temperature_c if temperature_c is None else temperature_c,
         }
         messages = {"ping": self._json(ping)}
@@ -206,7 +213,7 @@ def read_recording(path: str | Path) -> Recording:
     """
     path = Path(path)
     info = read_info(path)
-    return Recording(path, info, lambda: read_pings(path, info.num_words))
+    return Recording(path, info, lambda: read_pings(path, info))
 
 
 def open_recording(path: str | Path) -> Recording:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import base64
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from ertis_driver.chirp import Chirp
+import numpy as np
+
+from ertis_driver.chirp import Chirp, Emission
+from ertis_driver.custom_chirp import CustomChirp
+from ertis_driver.device import PDM_RATES_HZ
 from ertis_driver.errors import SettingsError
 from ertis_driver.frame import PDM_RATE_HZ, PdmFrame, Source
 
@@ -21,7 +26,7 @@ class RecordingInfo:
 
     source : str
         ``live``, ``sim`` or ``replay``: who made the frames.
-    chirp : Chirp or None
+    chirp : Chirp, CustomChirp or None
         What was emitted; None if that is not known.
     num_words : int
         PDM words of each ping.
@@ -31,14 +36,17 @@ class RecordingInfo:
         ``major.minor.bugfix``, or empty.
     address : str
         The device as its user called it, or empty.
+    pdm_rate_hz : int
+        Words a second of each ping.
     """
 
     source: Source
-    chirp: Chirp | None
+    chirp: Emission | None
     num_words: int
     temperature_c: float | None = None
     firmware: str = ""
     address: str = ""
+    pdm_rate_hz: int = PDM_RATE_HZ
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,11 +73,10 @@ def to_strings(info: RecordingInfo) -> dict[str, str]:
         "format_version": FORMAT_VERSION,
         "created_by": CREATED_BY,
         "source": info.source,
-        "chirp": "" if chirp is None else _chirp_text(chirp),
-        "chirp_ramp": "" if chirp is None else repr(chirp.ramp),
+        **_chirp_strings(chirp),
         "dac_rate_hz": "" if chirp is None else str(chirp.dac_rate_hz),
         "num_words": str(info.num_words),
-        "pdm_rate_hz": str(PDM_RATE_HZ),
+        "pdm_rate_hz": str(info.pdm_rate_hz),
         "temperature_c": "" if info.temperature_c is None else repr(float(info.temperature_c)),
         "firmware": info.firmware,
         "device": info.address,
@@ -97,8 +104,8 @@ def from_strings(table: Mapping[str, str]) -> RecordingInfo:
         source = table["source"]
         if source not in get_args(Source):
             raise ValueError(f"source {source!r}, expected one of {', '.join(get_args(Source))}")
-        if table["pdm_rate_hz"] != str(PDM_RATE_HZ):
-            raise ValueError(f"PDM rate {table['pdm_rate_hz']} Hz, expected {PDM_RATE_HZ}")
+        if table["pdm_rate_hz"] not in map(str, PDM_RATES_HZ):
+            raise ValueError(f"PDM rate {table['pdm_rate_hz']} Hz, expected one of {PDM_RATES_HZ}")
         return RecordingInfo(
             source=source,  # type: ignore[arg-type]  # one of the three, as checked above
             chirp=_chirp(table),
@@ -106,22 +113,32 @@ def from_strings(table: Mapping[str, str]) -> RecordingInfo:
             temperature_c=float(table["temperature_c"]) if table["temperature_c"] else None,
             firmware=table["firmware"],
             address=table["device"],
+            pdm_rate_hz=int(table["pdm_rate_hz"]),
         )
     except KeyError as error:
         raise ValueError(f"metadata without {error}") from error
 
 
-def _chirp_text(chirp: Chirp) -> str:
-    # Chirp.name rounds to six digits, which a recording must not.
-    values = (chirp.f_start_hz, chirp.f_stop_hz, chirp.duration_s)
-    return ":".join([chirp.kind, *(repr(float(value)) for value in values)])
+def _chirp_strings(chirp: Emission | None) -> dict[str, str]:
+    if isinstance(chirp, Chirp):
+        # Chirp.name rounds to six digits, which a recording must not.
+        values = (chirp.f_start_hz, chirp.f_stop_hz, chirp.duration_s)
+        text = ":".join([chirp.kind, *(repr(float(value)) for value in values)])
+        return {"chirp": text, "chirp_ramp": repr(chirp.ramp)}
+    if chirp is None:
+        return {"chirp": "", "chirp_ramp": ""}
+    codes = base64.b64encode(chirp.dac_codes().astype("<u2").tobytes()).decode()
+    return {"chirp": chirp.name, "chirp_ramp": "", "chirp_dac_codes": codes}
 
 
-def _chirp(table: Mapping[str, str]) -> Chirp | None:
+def _chirp(table: Mapping[str, str]) -> Emission | None:
     if not table["chirp"]:
         return None
-    kind, start, stop, duration = table["chirp"].split(":")
     try:
+        if "chirp_dac_codes" in table:
+            codes = np.frombuffer(base64.b64decode(table["chirp_dac_codes"]), "<u2")
+            return CustomChirp(tuple(codes.tolist()), int(table["dac_rate_hz"]))
+        kind, start, stop, duration = table["chirp"].split(":")
         return Chirp(
             kind,  # type: ignore[arg-type]  # Chirp checks it
             float(start),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ertis_driver.closing import Closing
 from ertis_driver.device import DeviceInfo, Settings
-from ertis_driver.errors import DeviceLost, EndOfRecording, NotConfigured
+from ertis_driver.errors import DeviceLost, DeviceTimeout, EndOfRecording, NotConfigured
 from ertis_driver.frame import PdmFrame
 from ertis_driver.recording import RecordedPing, Recording, open_recording
 
@@ -45,11 +45,14 @@ class ReplayDevice(Closing):
         self._pings: Iterator[RecordedPing] | None = iter(self._recording)
         self._realtime = realtime
         self._start: tuple[float, int] | None = None  # monotonic s, recorded ns
+        self._due: RecordedPing | None = None  # read, but its time has not come
         self._closed = threading.Event()
         self._configured = False
         recorded = self._recording.info
         self._settings = (
-            Settings(recorded.chirp, recorded.num_words) if recorded.chirp is not None else None
+            Settings(recorded.chirp, recorded.num_words, recorded.pdm_rate_hz)
+            if recorded.chirp is not None
+            else None
         )
         self._info = DeviceInfo(
             address=f"replay:{path}" if address is None else address,
@@ -80,7 +83,8 @@ class ReplayDevice(Closing):
     def configure(self, settings: Settings) -> None:
         """Accept settings; what is recorded keeps its own."""
         if self._settings is None:
-            self._settings = Settings(settings.chirp, self._recording.info.num_words)
+            recorded = self._recording.info
+            self._settings = Settings(settings.chirp, recorded.num_words, recorded.pdm_rate_hz)
         if settings != self._settings:
             log.warning(
                 "%s keeps its own settings (%s, %d words); asked for %s, %d words",
@@ -106,16 +110,19 @@ class ReplayDevice(Closing):
         DeviceLost
             After ``close``.
         """
-        if self._pings is None:
-            raise DeviceLost(f"{self._info.address} is closed: reopen it")
-        if not self._configured:
-            raise NotConfigured(f"{self._info.address} is not configured: configure it first")
-        ping = next(self._pings, None)
-        if ping is None:
-            raise EndOfRecording(f"{self._recording.path} has no more pings")
-        if self._realtime:
-            self._wait_for(ping.frame.ping_time_ns)
-        return ping.frame
+        return self._next(None)
+
+    def wait_frame(self, timeout_s: float) -> PdmFrame:
+        """Return the next recorded ping: a recording needs no trigger.
+
+        Raises
+        ------
+        DeviceTimeout
+            If, in real time, it is not due by then.
+        NotConfigured, EndOfRecording, RecordingError, DeviceLost
+            As ``ping``.
+        """
+        return self._next(timeout_s)
 
     def close(self) -> None:
         """End it, also a wait in another thread. May be called twice."""
@@ -123,11 +130,32 @@ class ReplayDevice(Closing):
         self._pings = None
         self._configured = False
 
-    def _wait_for(self, ping_time_ns: int) -> None:
+    def _next(self, timeout_s: float | None) -> PdmFrame:
+        if self._pings is None:
+            raise DeviceLost(f"{self._info.address} is closed: reopen it")
+        if not self._configured:
+            raise NotConfigured(f"{self._info.address} is not configured: configure it first")
+        ping = self._due or next(self._pings, None)
+        if ping is None:
+            raise EndOfRecording(f"{self._recording.path} has no more pings")
+        if self._realtime:
+            self._due = ping
+            self._wait_for(ping.frame.ping_time_ns, timeout_s)
+            self._due = None
+        return ping.frame
+
+    def _wait_for(self, ping_time_ns: int, timeout_s: float | None) -> None:
         if self._start is None:
             self._start = (time.monotonic(), ping_time_ns)
         started_s, first_ns = self._start
-        self._closed.wait(max(0.0, started_s + (ping_time_ns - first_ns) / 1e9 - time.monotonic()))
+        left_s = max(0.0, started_s + (ping_time_ns - first_ns) / 1e9 - time.monotonic())
+        if timeout_s is not None and left_s > timeout_s:
+            self._closed.wait(timeout_s)
+            raise DeviceTimeout(
+                f"{self._info.address}: the next ping is due in {left_s:.1f} s, after "
+                f"{timeout_s:g} s: wait again"
+            )
+        self._closed.wait(left_s)
 
 
 def open_replay(path: str, *, realtime: bool = False) -> ReplayDevice:

@@ -50,9 +50,15 @@ class ReplaySource:
         Raises
         ------
         RecordingError
-            If it is shorter than asked for, or the recording is damaged or empty.
+            If it is shorter than asked for or of another PDM clock, or the recording is damaged or
+            empty.
         """
         recorded = self._recording.info.num_words
+        if request.pdm_rate_hz != self._recording.info.pdm_rate_hz:
+            raise RecordingError(
+                f"{self._recording.path} was recorded at {self._recording.info.pdm_rate_hz} Hz, "
+                f"asked for {request.pdm_rate_hz}: configure that PDM clock"
+            )
         if request.num_words > recorded:
             raise RecordingError(
                 f"{self._recording.path} has frames of {recorded} words, asked for "

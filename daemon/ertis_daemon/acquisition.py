@@ -9,7 +9,7 @@ import time
 from ertis_daemon.frame_queue import FrameQueue, HeardPing
 from ertis_daemon.status import Status
 from ertis_driver.device import Sonar
-from ertis_driver.errors import DeviceTimeout, EndOfRecording, FrameCorrupt
+from ertis_driver.errors import DeviceTimeout, EndOfRecording, FrameCorrupt, PingLost
 from ertis_driver.frame import PdmFrame
 
 log = logging.getLogger(__name__)
@@ -28,7 +28,8 @@ class Acquisition(threading.Thread):
     queue
         Where frames go; it is ended when there will be no more, with the error if there was one.
     status
-        ``pings_heard``, ``pings_lost``, ``frames_corrupt`` and ``timeouts`` are counted here.
+        ``pings_heard``, ``pings_lost``, ``pings_away``, ``frames_corrupt`` and ``timeouts`` are
+        counted here.
     ping_rate_hz
         0 for as fast as it goes.
     max_pings
@@ -84,6 +85,11 @@ class Acquisition(threading.Thread):
         except FrameCorrupt as error:
             self._status.frames_corrupt += 1
             log.warning("the frame after ping %s was dropped: %s", self._last_index, error)
+            return None
+        except PingLost as error:
+            self._status.pings_away += 1
+            self._silent = 0
+            log.debug("no frame after ping %s: %s", self._last_index, error)
             return None
         except DeviceTimeout as error:
             self._status.timeouts += 1

@@ -45,7 +45,7 @@ class DeviceConfig:
     name: str = option("ertis", "keys on Zenoh are ertis/NAME/...", check=_check_chunk)
     address: str = option(
         "serial:/dev/ertis0",
-        "serial:PORT, usb:VID:PID, replay:FILE or sim:SCENE",
+        "serial:PORT, serial:sn=NUMBER, usb:VID:PID, replay:FILE or sim:SCENE",
         check=_check_filled,
     )
     frame_id: str = option("sonar", "coordinate frame named in events", check=_check_filled)

@@ -13,7 +13,8 @@ from ertis_daemon.config import Config
 from ertis_detector.detection import Detection
 from ertis_driver.audio import PdmDecoder, whole_samples
 from ertis_driver.device import Settings
-from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PdmFrame
+from ertis_driver.errors import SettingsError
+from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PDM_RATE_HZ, PdmFrame
 
 if TYPE_CHECKING:
     from ertis_detector.detector import LandmarkDetector, Scanner
@@ -137,17 +138,23 @@ def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:
     ------
     DetectorError
         If the chirp or the listening time leaves nothing to detect.
+    SettingsError
+        If the PDM clock is not the one that the detector's audio is made from.
     """
     from ertis_detector.detector import Scanner
     from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 
+    if settings.pdm_rate_hz != PDM_RATE_HZ:
+        raise SettingsError(
+            f"PDM clock {settings.pdm_rate_hz} Hz: detection needs {PDM_RATE_HZ}; set it so, or "
+            "record again"
+        )
     chirp = settings.chirp
-    ends_hz = chirp.f_start_hz, chirp.f_stop_hz
     return Scanner(
         mic_positions_m=mic_positions_m(),
         emitter_position_m=np.array(EMITTER_POSITION_M),
         chirp_samples=chirp.samples(AUDIO_RATE_HZ),
-        chirp_band_hz=(min(ends_hz), max(ends_hz)),
+        chirp_band_hz=chirp.band_hz,
         num_samples=settings.num_words // DECIMATION,
         speed_of_sound_m_s=speed_of_sound_m_s,
     )

@@ -20,6 +20,7 @@ class Status:
     pings_lost: int = 0
     frames_corrupt: int = 0
     timeouts: int = 0
+    pings_away: int = 0
     queue_drops: int = 0
     half_words_repaired: int = 0
     pings_failed: int = 0

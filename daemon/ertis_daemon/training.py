@@ -17,7 +17,7 @@ from ertis_detector.labelling import label_candidates
 from ertis_detector.model import Model, ModelCard, file_sha256
 from ertis_driver.audio import PdmDecoder, whole_samples
 from ertis_driver.audio_filter import FILTER_VERSION
-from ertis_driver.chirp import Chirp
+from ertis_driver.chirp import Emission
 from ertis_driver.device import Settings
 from ertis_driver.errors import RecordingError
 from ertis_driver.recording import RecordedPing, Recording, open_recording
@@ -87,7 +87,7 @@ def train(
     return Model(fitted.classifier, card)
 
 
-def _one_chirp(recordings: Sequence[Recording]) -> Chirp:
+def _one_chirp(recordings: Sequence[Recording]) -> Emission:
     first = recordings[0].info.chirp
     for recording in recordings:
         chirp = recording.info.chirp
@@ -106,7 +106,7 @@ def _learn(
     rows: TrainingRows,
     ping: RecordedPing,
     recording: Recording,
-    chirp: Chirp,
+    chirp: Emission,
     decoder: PdmDecoder,
 ) -> None:
     if ping.truth is None:

@@ -13,8 +13,9 @@ from ertis_driver.chirp import DAC_IDLE_CODE
 from ertis_driver.closing import Closing
 from ertis_driver.device import DeviceInfo, Settings
 from ertis_driver.emulator import PingRequest
-from ertis_driver.errors import NotConfigured
-from ertis_driver.frame import AUDIO_RATE_HZ, PdmFrame
+from ertis_driver.errors import DeviceUnsupported, NotConfigured
+from ertis_driver.frame import AUDIO_RATE_HZ, PDM_RATE_HZ, PdmFrame
+from ertis_simulator.errors import SceneError
 from ertis_simulator.scene import Scene
 from ertis_simulator.scene_file import load_scene
 
@@ -37,7 +38,24 @@ class SimulatedSonar(Closing):
         return self._settings
 
     def configure(self, settings: Settings) -> None:
-        """Take the settings; nothing can fail."""
+        """Take the settings.
+
+        Raises
+        ------
+        DeviceUnsupported
+            For an external trigger, the audible clock, or several emissions: not simulated.
+        """
+        self._settings = None
+        asked = {
+            "external_trigger": settings.external_trigger is not None,
+            "pdm_rate_hz": settings.pdm_rate_hz != PDM_RATE_HZ,
+            "emissions": settings.emissions != 1,
+        }
+        for name, wanted in asked.items():
+            if wanted:
+                raise DeviceUnsupported(f"scenes have no {name}: leave it at its default")
+        if settings.first_ping_index is not None:
+            self._index = settings.first_ping_index
         self._settings = settings
 
     def ping(self, *, active: bool = True) -> PdmFrame:
@@ -49,7 +67,7 @@ class SimulatedSonar(Closing):
         """
         if self._settings is None:
             raise NotConfigured("simulated sonar: configure it before the first ping")
-        listening_s = self._settings.num_words / 4_500_000
+        listening_s = self._settings.listening_s
         time.sleep(max(self._ready_at - time.monotonic(), 0.0))
         self._ready_at = time.monotonic() + listening_s
         started_ns = time.time_ns()
@@ -58,6 +76,15 @@ class SimulatedSonar(Closing):
         frame = PdmFrame(words, self._index, started_ns, 0, active)
         self._index += 1
         return frame
+
+    def wait_frame(self, timeout_s: float) -> PdmFrame:
+        """Refuse: a scene has no trigger pin.
+
+        Raises
+        ------
+        NotConfigured
+        """
+        raise NotConfigured("simulated sonar: it has no external trigger; ping it")
 
     def close(self) -> None:
         """Nothing to give back."""
@@ -88,7 +115,18 @@ class SceneFrames:
         self._truth_path = truth_path
 
     def next_frame(self, request: PingRequest) -> npt.NDArray[np.uint32]:
-        """Words of one ping."""
+        """Words of one ping.
+
+        Raises
+        ------
+        SceneError
+            At another PDM clock than the ultrasound one.
+        """
+        if request.pdm_rate_hz != PDM_RATE_HZ:
+            raise SceneError(
+                f"PDM clock {request.pdm_rate_hz} Hz, expected {PDM_RATE_HZ}: scenes are simulated "
+                "in ultrasound only"
+            )
         chirp = played(request.dac_codes, request.dac_rate_hz) if request.active else None
         words = self._scene.hear(request.index, request.num_words, chirp)
         if self._truth_path is not None:

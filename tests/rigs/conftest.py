@@ -1,10 +1,13 @@
 import os
+import select
+import threading
 import tty
 
 import numpy as np
 import pytest
 
 from ertis_driver.emulator import Emulator
+from ertis_driver.firmware import FirmwareState
 
 
 class SyntheticSource:
@@ -55,3 +58,57 @@ def bare_pty():
     pty = BarePty()
     yield pty
     pty.hang_up()
+
+
+def send_all(master, data, stop):
+    """Write all of it, unless nobody reads any more."""
+    while data and not stop.is_set():
+        if select.select([], [master], [], 0.02)[1]:
+            try:
+                data = data[os.write(master, data) :]
+            except BlockingIOError:
+                continue
+
+
+def serve_state(master, state, change, stop):
+    """The firmware with faults: ``change`` gets each reply and returns what is sent, or None."""
+    os.set_blocking(master, False)
+    while not stop.is_set():
+        if not select.select([master], [], [], 0.02)[0]:
+            continue
+        data = os.read(master, 4096)
+        for reply in state.feed(data):
+            reply = change(reply)
+            if reply is None:
+                return
+            send_all(master, reply, stop)
+
+
+@pytest.fixture
+def faulty(bare_pty, source):
+    """Starts firmware whose replies a function may change."""
+    stop = threading.Event()
+    threads = []
+
+    def start(change, state=None):
+        state = state or FirmwareState(source)
+        thread = threading.Thread(target=serve_state, args=(bare_pty.master, state, change, stop))
+        thread.start()
+        threads.append(thread)
+        return bare_pty.path
+
+    start.master = bare_pty.master
+    start.send = lambda data: send_all(bare_pty.master, data, stop)
+    yield start
+    stop.set()
+    for thread in threads:
+        thread.join()
+
+
+@pytest.fixture
+def emulator_pair():
+    """Two emulators with sources of their own, of opposite trigger forms: (path, source) each."""
+    first, second = SyntheticSource(), SyntheticSource()
+    with Emulator(first) as a, Emulator(second) as b:
+        b.state = FirmwareState(second, trigger_form="windows")
+        yield (a.path, first), (b.path, second)

@@ -1,6 +1,4 @@
 import os
-import select
-import threading
 import time
 
 import numpy as np
@@ -27,39 +25,6 @@ from ertis_driver.firmware import FirmwareState
 from ertis_driver.open import open_device
 
 SHORT = Settings(num_words=32_768)
-
-
-def serve_state(master, state, change, stop):
-    """The firmware with faults: ``change`` gets each reply and returns what is sent, or None."""
-    while not stop.is_set():
-        if not select.select([master], [], [], 0.02)[0]:
-            continue
-        data = os.read(master, 4096)
-        for reply in state.feed(data):
-            reply = change(reply)
-            if reply is None:
-                return
-            while reply:
-                reply = reply[os.write(master, reply) :]
-
-
-@pytest.fixture
-def faulty(bare_pty, source):
-    """Starts firmware whose replies a function may change."""
-    stop = threading.Event()
-    threads = []
-
-    def start(change, state=None):
-        state = state or FirmwareState(source)
-        thread = threading.Thread(target=serve_state, args=(bare_pty.master, state, change, stop))
-        thread.start()
-        threads.append(thread)
-        return bare_pty.path
-
-    yield start
-    stop.set()
-    for thread in threads:
-        thread.join()
 
 
 def test_pings_arrive_bit_for_bit(emulator, source):
@@ -231,7 +196,7 @@ def test_a_failed_configure_leaves_it_unconfigured(faulty):
         device.configure(SHORT)
         assert device.settings == SHORT
         with pytest.raises(DeviceTimeout, match="!C,"):
-            device.configure(SHORT)
+            device.configure(Settings(INCUMBENT_CHIRP, 32_768))
         assert device.settings is None
         with pytest.raises(NotConfigured):
             device.ping()
@@ -271,16 +236,30 @@ def test_a_lost_dac_sample_is_found_by_the_hash(faulty, source):
         assert device.settings is None
 
 
-def test_lost_pings_are_counted_and_a_reset_counter_is_not_billions(emulator):
+def test_lost_pings_are_counted_over_the_wrap(emulator):
     with open_serial(emulator.path) as device:
         device.configure(SHORT)
-        for index, lost in [(0, 0), (3, 2), (2**32 - 2, 2), (1, 4), (0, 4)]:
+        for index, lost in [(2**32 - 10, 0), (2**32 - 7, 2), (2**32 - 1, 7), (0, 7), (1001, 1007)]:
             emulator.state.ping_index = index
             assert device.ping().ping_index == index
             assert device.pings_lost == lost
-        emulator.state.ping_index = 2**32 - 1
+        assert device.restarts == 0
+
+
+@pytest.mark.parametrize("index", [0, 16, 2_000_000])
+def test_a_counter_that_began_anew_is_a_restart_and_no_billions(emulator, source, index):
+    with open_serial(emulator.path) as device:
+        device.configure(SHORT)
+        emulator.state.ping_index = 17
         device.ping()
-        assert device.ping().ping_index == 0, "it wraps"
+        emulator.state._dac_codes[:] = 2048  # as after power on
+        emulator.state.ping_index = index
+        with pytest.raises(FrameCorrupt, match=f"ping {index} of .* follows ping 17: it restarted"):
+            device.ping()
+        frame = device.ping()
+        assert frame.ping_index == index + 1
+        np.testing.assert_array_equal(source.requests[-1].dac_codes, DEFAULT_CHIRP.dac_codes())
+        assert (device.pings_lost, device.restarts) == (0, 1)
 
 
 def test_a_command_after_an_unread_frame_drops_the_rest_of_it(emulator):

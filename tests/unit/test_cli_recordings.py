@@ -7,8 +7,11 @@ import pytest
 
 from ertis_daemon.chirp_guess import guess_chirp
 from ertis_daemon.cli import main
+from ertis_daemon.pipeline import build_scanner
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP, Chirp
+from ertis_driver.device import Settings
+from ertis_driver.errors import SettingsError
 from ertis_driver.recording import open_recording
 from ertis_simulator.dataset import random_scene
 
@@ -33,6 +36,11 @@ def error_of(capsys):
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1, lines
     return lines[0]
+
+
+def test_sound_at_the_audible_clock_is_no_food_for_the_detector():
+    with pytest.raises(SettingsError, match="detection needs 4500000"):
+        build_scanner(Settings(pdm_rate_hz=1_125_000), 343.0)
 
 
 def test_a_simulated_recording_says_so_and_holds_its_truth(recording):

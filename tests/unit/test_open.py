@@ -14,7 +14,7 @@ def test_a_malformed_address_shows_a_good_one(address):
 
 
 def test_an_unknown_kind_names_the_known_ones():
-    with pytest.raises(AddressError, match="serial, replay, sim"):
+    with pytest.raises(AddressError, match="serial, usb, replay, sim"):
         open_device("bluetooth:12")
 
 

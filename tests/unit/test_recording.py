@@ -7,7 +7,13 @@ from mcap.writer import Writer
 
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP, Chirp
 from ertis_driver.device import Settings
-from ertis_driver.errors import DeviceLost, EndOfRecording, NotConfigured, RecordingError
+from ertis_driver.errors import (
+    DeviceLost,
+    DeviceTimeout,
+    EndOfRecording,
+    NotConfigured,
+    RecordingError,
+)
 from ertis_driver.firmware import PingRequest
 from ertis_driver.frame import PdmFrame
 from ertis_driver.recording import (
@@ -271,6 +277,28 @@ def test_a_replay_in_real_time_keeps_the_pace(recording):
         assert time.monotonic() - start >= 0.03
 
 
+def test_waiting_for_a_recorded_ping_neither_loses_nor_hurries_it(recording):
+    with ReplayDevice(recording, realtime=True) as device:
+        device.configure(Settings())
+        assert device.wait_frame(5.0).ping_index == make_frame(0).ping_index
+        with pytest.raises(DeviceTimeout, match="wait again"):
+            device.wait_frame(0.001)
+        assert_same(device.wait_frame(5.0), make_frame(1))
+
+
+def test_a_recording_keeps_the_pdm_clock_and_steps_of_the_host_clock(tmp_path):
+    info = RecordingInfo("live", DEFAULT_CHIRP, 32_768, pdm_rate_hz=1_125_000)
+    words = np.zeros(32_768, np.uint32)
+    with RecordingWriter(tmp_path / "a.mcap", info) as writer:
+        writer.write(PdmFrame(words, 0, 0, pdm_rate_hz=1_125_000, clock_step_ns=-5))
+        with pytest.raises(RecordingError, match="frame at 4500000 Hz, expected 1125000"):
+            writer.write(PdmFrame(words, 1, 0))
+    (ping,) = read_recording(tmp_path / "a.mcap")
+    assert (ping.frame.pdm_rate_hz, ping.frame.clock_step_ns) == (1_125_000, -5)
+    with ReplayDevice(tmp_path / "a.mcap") as device:
+        assert device.settings == Settings(DEFAULT_CHIRP, 32_768, 1_125_000)
+
+
 def test_a_replay_source_cycles_cuts_and_refuses_to_pad(tmp_path):
     path = write(tmp_path / "a.mcap", RecordingInfo("live", None, 65_536), num_pings=2)
     source = ReplaySource(path)
@@ -282,3 +310,5 @@ def test_a_replay_source_cycles_cuts_and_refuses_to_pad(tmp_path):
     np.testing.assert_array_equal(cut, make_frame(1, 65_536).words[:32_768])
     with pytest.raises(RecordingError, match="asked for"):
         source.next_frame(PingRequest(0, 98_304, codes, 450_000, True))
+    with pytest.raises(RecordingError, match="recorded at 4500000 Hz"):
+        source.next_frame(PingRequest(0, 32_768, codes, 450_000, True, pdm_rate_hz=1_125_000))

@@ -11,7 +11,7 @@ from ertis_daemon.pipeline import Heard
 from ertis_daemon.service import Service, ServiceError
 from ertis_detector.detection import Detection
 from ertis_driver.device import DeviceInfo, Settings
-from ertis_driver.errors import DeviceLost, DeviceTimeout, EndOfRecording, FrameCorrupt
+from ertis_driver.errors import DeviceLost, DeviceTimeout, EndOfRecording, FrameCorrupt, PingLost
 from ertis_driver.frame import PdmFrame
 
 WORDS = np.zeros(10, np.uint32)
@@ -125,6 +125,12 @@ def test_corrupt_frames_timeouts_and_gaps_are_counted_and_survived():
 
 def test_the_counter_may_wrap():
     assert make([2**32 - 1, 1]).run().pings_lost == 1
+
+
+def test_an_unplugged_sonar_that_reconnects_is_waited_for_and_counted():
+    service = make([0, *[PingLost("away")] * 20, 1])
+    status = service.run()
+    assert (status.pings_heard, status.pings_away, status.timeouts) == (2, 20, 0)
 
 
 def test_six_timeouts_in_a_row_end_it_with_that_error():

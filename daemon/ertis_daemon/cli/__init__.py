@@ -20,7 +20,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("ertis_daemon.cli.run", "ping, recognise landmarks and publish them over Zenoh"),
     "check-config": ("ertis_daemon.cli.check_config", "check a configuration, or print an example"),
     "monitor": ("ertis_daemon.cli.monitor", "print landmark events as they are published"),
+    "devices": ("ertis_daemon.cli.devices", "list the sonars that are plugged in"),
     "emulate": ("ertis_daemon.cli.emulate", "be an eRTIS on a pseudo-terminal"),
+    "probe": ("ertis_daemon.cli.probe", "ping one sonar and say how it is"),
     "detect": ("ertis_daemon.cli.detect", "say which landmarks a recording holds, and draw it"),
     "simulate": ("ertis_daemon.cli.simulate", "record a simulated scene, or many random ones"),
     "train": ("ertis_daemon.cli.train", "make a model from recordings with truth"),
@@ -37,7 +39,7 @@ _REPORTED = (
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns the exit code.
 
-    0 ok, 1 failed, 2 wrong usage, 130 interrupted by Ctrl-C.
+    0 ok, 1 failed, 2 wrong usage, 3 done, with losses or findings, 130 interrupted by Ctrl-C.
     """
     try:
         args = sys.argv[1:] if argv is None else argv

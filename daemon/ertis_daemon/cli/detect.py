@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ertis_daemon.config import Config
     from ertis_detector.detector import Scanner
-    from ertis_driver.chirp import Chirp
+    from ertis_driver.chirp import Emission
     from ertis_driver.recording import RecordedPing, Recording
 
 _SAID = {"sim": "simulated", "replay": "recorded"}
@@ -100,7 +100,7 @@ def _look(
     return [dataclasses.asdict(spot) for spot in spots]
 
 
-def _chirp(args: argparse.Namespace, recording: Recording) -> Chirp:
+def _chirp(args: argparse.Namespace, recording: Recording) -> Emission:
     from ertis_daemon.chirp_guess import guess_chirp
     from ertis_driver.audio import PdmDecoder, whole_samples
     from ertis_driver.chirp import DEFAULT_CHIRP, Chirp

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     keep_freed_memory()
     config = _config(args)
     with ExitStack() as stack:
-        sonar = stack.enter_context(open_device(config.device.address))
+        sonar = stack.enter_context(open_device(config.device.address, reconnect=True))
         sonar.configure(config.settings())
         settings = sonar.settings or config.settings()  # a recording keeps its own
         pipeline = build_pipeline(config, settings)

@@ -1,15 +1,15 @@
-"""Byte pipes to the device: open, read, write, close, and what went wrong. Nothing else."""
+"""The sonar as a tty, through the kernel's cdc-acm driver."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import os
 import select
 import termios
-import time
+import threading
 import tty
-from typing import Protocol
 
 import serial
 
@@ -23,35 +23,9 @@ from ertis_driver.errors import (
     DeviceTimeout,
     WrongDevice,
 )
+from ertis_driver.links.link import left_s
 
 NOMINAL_BAUD = 115_200  # USB CDC-ACM ignores it
-
-
-class Link(Protocol):
-    """A byte pipe. Deadlines are values of ``time.monotonic()``, s."""
-
-    @property
-    def name(self) -> str:
-        """The port, for messages."""
-
-    def write(self, data: bytes, deadline: float) -> None:
-        """Send all of ``data``.
-
-        Raises
-        ------
-        DeviceTimeout, DeviceLost
-        """
-
-    def read_into(self, buffer: memoryview, deadline: float) -> int:
-        """Wait for bytes, put what has come into ``buffer``; 0 if the deadline came first.
-
-        Raises
-        ------
-        DeviceLost
-        """
-
-    def close(self) -> None:
-        """Give the port back. May be called twice."""
 
 
 class SerialLink:
@@ -86,6 +60,12 @@ class SerialLink:
         except (OSError, termios.error) as error:
             self._serial.close()
             raise _open_error(port, error) from error
+        # Held while the descriptor is in use: closed under a select, its number may be another
+        # file's by the time that returns.
+        self._in_use = threading.RLock()
+        self._closing_once = threading.Lock()
+        self._closing = False
+        self._wake_read, self._wake_write = os.pipe()
 
     @property
     def name(self) -> str:
@@ -100,24 +80,27 @@ class SerialLink:
         DeviceTimeout
             If the device does not take it.
         DeviceLost
-            If the device is gone.
+            If the device is gone, or closed in another thread.
         """
         sent = 0
-        while sent < len(data):
-            self._check_open()
-            try:
-                _, ready, _ = select.select([], [self._fd], [], _left(deadline))
-                if ready:
-                    sent += os.write(self._fd, data[sent:])
-            except BlockingIOError:
-                continue
-            except (OSError, termios.error) as error:
-                raise self._lost(error) from error
-            if not ready:
-                raise DeviceTimeout(
-                    f"{self._name} took {sent} of {len(data)} bytes in time: ping again; "
-                    "replug it if that persists"
-                )
+        with self._in_use:
+            while sent < len(data):
+                self._check_open()
+                try:
+                    woken, ready, _ = select.select(
+                        [self._wake_read], [self._fd], [], left_s(deadline)
+                    )
+                    if ready and not woken:
+                        sent += os.write(self._fd, data[sent:])
+                except BlockingIOError:
+                    continue
+                except (OSError, termios.error) as error:
+                    raise self._lost(error) from error
+                if not (ready or woken):
+                    raise DeviceTimeout(
+                        f"{self._name} took {sent} of {len(data)} bytes in time: ping again; "
+                        "replug it if that persists"
+                    )
 
     def read_into(self, buffer: memoryview, deadline: float) -> int:
         """Wait until ``deadline`` for bytes and put what has come into ``buffer``.
@@ -130,38 +113,49 @@ class SerialLink:
         Raises
         ------
         DeviceLost
-            If the device is gone.
+            If the device is gone, or closed in another thread.
         """
-        while True:
-            self._check_open()
-            try:
-                ready, _, _ = select.select([self._fd], [], [], _left(deadline))
-                if not ready:
-                    return 0
-                # pyserial's read would drop what it has when the device goes away.
-                count = os.readv(self._fd, [buffer])
-            except BlockingIOError:
-                continue
-            except (OSError, termios.error) as error:
-                raise self._lost(error) from error
-            if count == 0:
-                raise self._lost(None)
-            return count
+        with self._in_use:
+            while True:
+                self._check_open()
+                try:
+                    ready, _, _ = select.select(
+                        [self._fd, self._wake_read], [], [], left_s(deadline)
+                    )
+                    if not ready:
+                        return 0
+                    if self._wake_read in ready:
+                        continue
+                    # pyserial's read would drop what it has when the device goes away.
+                    count = os.readv(self._fd, [buffer])
+                except BlockingIOError:
+                    continue
+                except (OSError, termios.error) as error:
+                    raise self._lost(error) from error
+                if count == 0:
+                    raise self._lost(None)
+                return count
 
     def close(self) -> None:
-        """Give the port back. May be called twice."""
-        if self._serial.is_open:
-            try:
-                # The kernel keeps the mark for as long as anyone holds the tty open.
+        """Give the port back. May be called twice, and from any thread."""
+        with self._closing_once:
+            if not self._closing:
+                self._closing = True
+                os.write(self._wake_write, b"x")
+        with self._in_use:
+            if self._fd < 0:
+                return
+            # The kernel keeps the mark for as long as anyone holds the tty open; a device that is
+            # gone has taken it along.
+            with contextlib.suppress(OSError):
                 fcntl.ioctl(self._fd, termios.TIOCNXCL)
-            except OSError:
-                pass  # the device is gone, and its mark with it
-            finally:
-                self._serial.close()
-        self._fd = -1
+            self._serial.close()
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+            self._fd = self._wake_read = self._wake_write = -1
 
     def _check_open(self) -> None:
-        if self._fd < 0:
+        if self._closing:
             raise DeviceLost(f"{self._name} is closed: reopen it")
 
     def _lost(self, error: Exception | None) -> DeviceLost:
@@ -169,10 +163,6 @@ class SerialLink:
         self.close()
         reason = error or "it hung up"
         return DeviceLost(f"{self._name} went away ({reason}): check the cable and reopen it")
-
-
-def _left(deadline: float) -> float:
-    return max(0.0, deadline - time.monotonic())
 
 
 def _errno(error: BaseException | None) -> int | None:
@@ -191,15 +181,18 @@ def _open_error(port: str, error: Exception) -> DeviceError:
     number = _errno(error)
     if number in (errno.ENOENT, errno.ENOTDIR, errno.ENXIO, errno.ENODEV, errno.EIO):
         return DeviceNotFound(
-            f"no device at {port} ({os.strerror(number)}): check cable, power and port name"
+            f"no device at {port} ({os.strerror(number)}): check cable, power and port name; "
+            "`ertis devices` lists what is plugged in"
         )
     if number in (errno.EACCES, errno.EPERM):
         return DevicePermission(
-            f"may not open {port} ({os.strerror(number)}): install the udev rule or join the "
-            "group dialout"
+            f"may not open {port} ({os.strerror(number)}): install the udev rule "
+            "(`sudo make udev`) and replug it, or join the group dialout"
         )
     if number in (errno.EBUSY, errno.EAGAIN):
-        return DeviceBusy(f"{port} is in use by another process: end that one first")
+        return DeviceBusy(
+            f"{port} is in use by another process: end that one first; `ertis devices` names it"
+        )
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL):
         return WrongDevice(f"{port} is not a serial port: name the sonar's, such as /dev/ttyACM0")
     return DeviceNotFound(f"cannot open {port} ({error}): check cable and port name")
