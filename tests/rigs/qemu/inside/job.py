@@ -1,0 +1,44 @@
+"""The guest's job: run the cases, print what they found, and send it out as JSON."""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import logging
+import sys
+import time
+import traceback
+from pathlib import Path
+
+from qemu.inside import serial_cases, usb_cases
+
+RESULTS = Path("/dev/ttyS1")
+CASE_TIMEOUT_S = 90
+CASES = {case.__name__: case for case in (*serial_cases.CASES, *usb_cases.CASES)}
+
+
+def main(names: list[str]) -> int:
+    """Run all cases, or those named; a case that hangs ends the job, with a traceback."""
+    logging.basicConfig(format="    %(name)s: %(message)s", level=logging.WARNING)
+    failures = 0
+    with RESULTS.open("w") as out:
+        for name in names or CASES:
+            faulthandler.dump_traceback_later(CASE_TIMEOUT_S, exit=True)
+            print(f"== {name}", flush=True)
+            started_s = time.monotonic()
+            try:
+                result = CASES[name]()
+            except Exception:  # noqa: BLE001 the host shows it, and the other cases shall run
+                result = {"error": traceback.format_exc()}
+                failures += 1
+            result["seconds"] = round(time.monotonic() - started_s, 2)
+            for key, value in result.items():
+                print(f"   {key}: {value}", flush=True)
+            out.write(json.dumps({name: result}) + "\n")
+            out.flush()
+    faulthandler.cancel_dump_traceback_later()
+    return min(failures, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
