@@ -76,7 +76,7 @@ class PdmDecoder:
         ----------
         words : uint32, shape (num_words,)
             ``num_words`` a multiple of 10.
-        out : float32, shape (32, num_words // 10), C-contiguous
+        out : float32, shape (32, num_words // 10)
             Written and returned instead of fresh memory, which costs a sixth of the decoding.
 
         Returns

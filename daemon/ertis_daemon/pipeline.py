@@ -89,7 +89,9 @@ class DetectorPipeline:
         """Tracks after this ping."""
         words = whole_samples(frame.words)
         if self._audio.shape[1] != words.size // DECIMATION:
-            self._audio = np.empty((NUM_MICS, words.size // DECIMATION), np.float32)
+            # Rows a power of two apart would compete for the same lines of the cache.
+            num_samples = words.size // DECIMATION
+            self._audio = np.empty((NUM_MICS, num_samples + 16), np.float32)[:, :num_samples]
         decoded = self._decoder.decode(words, self._audio)
         detections = self._detector.detect(decoded.audio)
         tracks = self._tracker.update(detections, frame.ping_time_ns)

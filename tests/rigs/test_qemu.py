@@ -88,6 +88,14 @@ def test_devices_lists_the_sonar_with_its_holder_and_says_why_another_board_is_n
     assert "no sonar: product 'Other board'" in other
 
 
+def test_probe_talks_to_it_and_hears_that_it_is_no_sonar_in_a_room(found):
+    result = found("probe")
+    assert result["exit"] == 3, result["stderr"]
+    assert "2.3.4" in result["stdout"]
+    assert "3 active, 1 passive" in result["stdout"]
+    assert "heard in 0 of 3" in result["stdout"]
+
+
 @pytest.mark.parametrize(
     ("case", "places"), [("serial_unplug", 4), ("usb_unplug", 2), ("usb_ffs_unplug", 4)]
 )

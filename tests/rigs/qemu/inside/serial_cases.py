@@ -51,9 +51,19 @@ def devices() -> dict:
         wait_for(lambda: wait_for_port() == "/dev/ttyACM1")
         with open_device("serial:/dev/ttyACM0", **PATIENT) as device:
             device.configure(QUICK)
-            command = [sys.executable, "-m", "ertis_daemon.cli", "devices", "--all"]
-            run = subprocess.run(command, capture_output=True, text=True, timeout=50)
+            return _ertis("devices", "--all")
+
+
+def probe() -> dict:
+    """What ``ertis probe`` says of a board whose microphones hear white noise."""
+    with Board():
+        return _ertis("probe", f"serial:{wait_for_port()}", "--pings", "3")
+
+
+def _ertis(*arguments: str) -> dict:
+    command = [sys.executable, "-m", "ertis_daemon.cli", *arguments]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=80)
     return {"exit": run.returncode, "stdout": run.stdout, "stderr": run.stderr}
 
 
-CASES = (serial_pings, serial_unplug, serial_replug, serial_replug_renamed, devices)
+CASES = (serial_pings, serial_unplug, serial_replug, serial_replug_renamed, devices, probe)
