@@ -18,7 +18,7 @@ from ertis_simulator.reference.rules import PairRule, gauss, lagrange, next_pane
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-_FAR_MARGIN, _NEAR_MARGIN = 5, 10  # quadrature points beyond the polynomial's degree
+_FAR_MARGIN = 5  # quadrature points beyond the polynomial's degree
 
 
 def galerkin_matrices(
@@ -39,7 +39,7 @@ def _add_near(matrix: ComplexArray, panels: Panels, degree: int, wavenumber: flo
     bandwidth = wavenumber * panels.meridian.max_rho
     azimuth = AzimuthRule.peaked(len(matrix) + 1, bandwidth)
     for step, make_rule in ((0, same_panel), (1, next_panel)):
-        rule = make_rule(degree + _NEAR_MARGIN)
+        rule = make_rule(degree)
         tables = _products(rule, degree)
         for first in range(len(panels) - step):
             near, near_slope = panels.at(np.array(first), rule.u)

@@ -14,8 +14,6 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-_GRADING = 4  # x = t^4 leaves t^3 log t of a logarithm
-
 
 @dataclass(frozen=True, slots=True)
 class PairRule:
@@ -32,22 +30,20 @@ def gauss(count: int) -> tuple[FloatArray, FloatArray]:
     return (nodes + 1) / 2, weights / 2
 
 
-def same_panel(count: int) -> PairRule:
+def same_panel(degree: int) -> PairRule:
     """For the triangle v < u of a panel with itself: the kernel is symmetric."""
-    x, weight_x = _graded_at_both_ends(count)
-    gap, weight_t = _graded_at_zero(count)
-    u = np.repeat(x, count)
-    weights = np.repeat(weight_x * x, count) * np.tile(weight_t, count)
-    return PairRule(u, u * (1 - np.tile(gap, count)), weights)
+    x, weight_x = _graded_at_both_ends(degree + 14)
+    gap, weight_t = _graded_at_zero(degree + 8, power=3)
+    weights = np.outer(weight_x * x, weight_t)
+    return PairRule(np.repeat(x, len(gap)), np.outer(x, 1 - gap).ravel(), weights.ravel())
 
 
-def next_panel(count: int) -> PairRule:
+def next_panel(degree: int) -> PairRule:
     """For a panel's end (u = 1) against the next one's start (v = 0)."""
-    x, weight_x = _graded_at_zero(count)
-    t, weight_t = gauss(count)
-    near = np.repeat(x, count)
-    far = near * np.tile(t, count)
-    weights = np.repeat(weight_x * x, count) * np.tile(weight_t, count)
+    x, weight_x = _graded_at_zero(degree + 10, power=2)
+    t, weight_t = gauss(degree + 2)
+    near, far = np.repeat(x, len(t)), np.outer(x, t).ravel()
+    weights = np.outer(weight_x * x, weight_t).ravel()
     return PairRule(1 - np.append(near, far), np.append(far, near), np.append(weights, weights))
 
 
@@ -70,9 +66,9 @@ def lagrange(degree: int, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     return values, 2 * slopes.T @ inverse
 
 
-def _graded_at_zero(count: int) -> tuple[FloatArray, FloatArray]:
+def _graded_at_zero(count: int, power: int) -> tuple[FloatArray, FloatArray]:
     t, weights = gauss(count)
-    return t**_GRADING, weights * _GRADING * t ** (_GRADING - 1)
+    return t**power, weights * power * t ** (power - 1)
 
 
 def _graded_at_both_ends(count: int) -> tuple[FloatArray, FloatArray]:

@@ -118,7 +118,7 @@ class Screen:
             field = _normal_slope(
                 rho, z, normal, azimuth.cosines, float(tilt), float(distance), self.wavenumber
             )
-            modes = (field @ azimuth.to_modes) * (2 * np.pi * curve.rho * slope)[..., None]
+            modes = azimuth.modes(field) * (2 * np.pi * curve.rho * slope)[..., None]
             local = np.einsum("pqm,qa->mpa", modes, basis)
             for panel in range(count):
                 start = panel * self.degree

@@ -20,10 +20,10 @@ ComplexArray = npt.NDArray[np.complex128]
 
 log = logging.getLogger(__name__)
 
-# 15-110 kHz for all radii is 9.6-142; 0.25 is 25 aperture radii of echo without ambiguity.
-TABLE_KA = np.arange(8.0, 150.01, 0.25)
+# 15-110 kHz for all radii is 9.6-142; steps of 0.5 leave 12 aperture radii of path unambiguous.
+TABLE_KA = np.arange(8.0, 150.01, 0.5)
 _TILTS_DEG = (*np.arange(0, 30, 2.5), *np.arange(30, 91, 5.0))
-_APART_DEG, _APART_TILTS_DEG = (2.0, 6.0), (0.0, 10.0, 20.0, 30.0, 45.0)
+_APART_DEG, _APART_TILTS_DEG = (2.0, 4.0, 6.0), (0.0, 10.0, 20.0, 30.0, 45.0)
 _NEAR_R = (0.6 / 0.070, 0.6 / 0.035)  # 0.6 m for the largest and the smallest landmark
 _NEAR_TILTS_DEG = (0.0, 10.0, 20.0, 30.0, 45.0)
 
@@ -75,6 +75,22 @@ class Views:
             np.concatenate([part.azimuth_rad for part in parts]),
             np.concatenate([part.range_r for part in parts]),
         )
+
+    @property
+    def apart_rad(self) -> FloatArray:
+        """Angle between source and microphone, shape (num_views,)."""
+        half = np.sin((self.source_tilt_rad - self.mic_tilt_rad) / 2) ** 2
+        sines = np.sin(self.source_tilt_rad) * np.sin(self.mic_tilt_rad)
+        return np.asarray(2 * np.arcsin(np.sqrt(half + sines * np.sin(self.azimuth_rad / 2) ** 2)))
+
+    @property
+    def bisector_tilt_rad(self) -> FloatArray:
+        """Angle from the axis to the direction midway between the two, shape (num_views,)."""
+        source, mic = self.source_tilt_rad, self.mic_tilt_rad
+        along = (np.cos(source) + np.cos(mic)) / 2
+        square = np.sin(source) ** 2 + np.sin(mic) ** 2
+        across = square + 2 * np.sin(source) * np.sin(mic) * np.cos(self.azimuth_rad)
+        return np.asarray(np.arctan2(np.sqrt(np.maximum(across, 0)) / 2, along))
 
     def amplitude(self, ka: float) -> ComplexArray:
         """Exact ``f`` of the landmark's dish in aperture radii, shape (num_views,)."""
