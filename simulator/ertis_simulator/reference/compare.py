@@ -37,7 +37,7 @@ class Agreement:
     correlation : float64
         Of the band-limited impulse responses at the best delay.
     delay_s : float64
-        That delay: positive is late.
+        That delay: positive is late; NaN where the method hears nothing.
     """
 
     views: Views
@@ -102,7 +102,7 @@ def compare(
         10 * np.log10(np.maximum(energy / exact_energy, 1e-12)),
         np.sqrt((power * gain_db**2).sum(axis=1) / exact_energy),
         correlation / np.sqrt(np.maximum(energy * exact_energy, 1e-30)),
-        path * radius_m / speed_of_sound_m_s,
+        np.where(energy > 0, path * radius_m / speed_of_sound_m_s, np.nan),
     )
 
 

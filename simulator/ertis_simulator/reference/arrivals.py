@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal.windows import hann, tukey
 
-from ertis_simulator.landmark import lit_fraction
 from ertis_simulator.reference.meridian import CapMeridian
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,10 +42,12 @@ def ring_strength(ka: npt.ArrayLike, bounces: int) -> FloatArray:
     return np.asarray(radius * np.sqrt(np.pi * wavenumber * chord / bounces))
 
 
-def lit(tilt_rad: npt.ArrayLike, bounces: int) -> FloatArray:
-    """Geometry's share of a ring that returns from a tilted dish."""
-    tilt = np.maximum(np.asarray(tilt_rad, np.float64), 1e-6)
-    return lit_fraction(tilt, incidence_rad(bounces), _CAP.half_opening_rad)
+def geometric_share(tilt_rad: npt.ArrayLike, bounces: int) -> FloatArray:
+    """Geometry's share of a ring that returns from a tilted dish: 1 frontal, 0 past a limit."""
+    tilt, incidence = np.asarray(tilt_rad, np.float64), incidence_rad(bounces)
+    height = np.cos(tilt) * np.cos(incidence) - np.cos(_CAP.half_opening_rad)
+    across = np.maximum(np.sin(tilt) * np.sin(incidence), 1e-9)
+    return np.asarray(np.maximum(2 / np.pi * np.arcsin(np.clip(height / across, -1, 1)), 0))
 
 
 def impulse_response(
