@@ -108,8 +108,8 @@ def test_a_method_that_hears_nothing_has_no_delay(table):
     assert (agreement.correlation == 0).all()
 
 
-def test_the_two_bounce_ring_is_a_quarter_of_pi_ahead_of_rays(table):
-    """Rays alone have c_2 = 1; the focal line they cross turns the exact one by 45 degrees."""
+def test_the_two_bounce_ring_turns_by_45_degrees_at_its_focal_line(table):
+    """Stationary phase around the ring gives exp(i pi / 4), which c_2 = 1 leaves out."""
     _, echoes = table.monostatic()
     band = (table.ka > 25) & (table.ka < 100)
     fitted = fit_glints(table.ka[band], echoes[0, band])
