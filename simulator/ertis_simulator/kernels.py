@@ -1,12 +1,74 @@
-"""The two inner loops that numpy cannot vectorise: placing echoes, and the sigma-delta loop."""
+"""Inner loops that numpy cannot vectorise: echoes, a dish's glints, the sigma-delta loop."""
 
 from __future__ import annotations
+
+from functools import cache
 
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.special import jv
 
 KERNEL_TAPS = 20
+_BESSEL_STEP = 0.05  # linear between: 3e-4
+_HIGHEST_ORDER, _LONGEST_ARGUMENT = 6, 700.0
+
+
+@cache
+def bessel_table() -> npt.NDArray[np.float32]:
+    """J_0 to J_6, shape (7, num_arguments), every ``_BESSEL_STEP``."""
+    argument = np.arange(0.0, _LONGEST_ARGUMENT, _BESSEL_STEP)
+    return np.array([jv(order, argument) for order in range(_HIGHEST_ORDER + 1)], np.float32)
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True)
+def sum_glints(
+    total: npt.NDArray[np.complex64],
+    k_rad_m: npt.NDArray[np.float64],
+    growth: npt.NDArray[np.float32],
+    path_m: npt.NDArray[np.float64],
+    reach_m: npt.NDArray[np.float64],
+    strength: npt.NDArray[np.complex64],
+    weights: npt.NDArray[np.complex64],
+    circle_of_term: npt.NDArray[np.int64],
+    order_of_term: npt.NDArray[np.int64],
+    bessel: npt.NDArray[np.float32],
+) -> None:
+    """Add up a dish's glints, e^{-iwt}.
+
+    total : complex64, shape (num_mics, num_k), added to
+    k_rad_m : float64, shape (num_k,), evenly spaced
+    growth : float32, shape (num_terms, num_k)
+    path_m, reach_m : float64, shape (num_circles, num_mics)
+    strength : complex64, shape (num_mics, num_terms, num_k)
+    weights : complex64, shape (num_terms, num_mics)
+    circle_of_term, order_of_term : int64, shape (num_terms,), terms of a circle side by side
+    bessel : :func:`bessel_table`
+    """
+    last = bessel.shape[1] - 2
+    num_k = k_rad_m.size
+    k_step = k_rad_m[1] - k_rad_m[0] if num_k > 1 else 0.0
+    wave = np.empty(num_k, np.complex64)
+    place, share = np.empty(num_k, np.int64), np.empty(num_k, np.float32)
+    for mic in range(total.shape[0]):
+        circle = -1
+        for term in range(circle_of_term.size):
+            if circle_of_term[term] != circle:
+                circle = circle_of_term[term]
+                phase, step = k_rad_m[0] * path_m[circle, mic], k_step * path_m[circle, mic]
+                turned = complex(np.cos(phase), np.sin(phase))
+                turn = complex(np.cos(step), np.sin(step))
+                for n in range(num_k):
+                    wave[n] = turned
+                    turned *= turn
+                    spot = k_rad_m[n] * reach_m[circle, mic] / _BESSEL_STEP
+                    place[n] = min(int(spot), last)
+                    share[n] = min(spot - place[n], 1.0)
+            row, weight = bessel[order_of_term[term]], weights[term, mic]
+            for n in range(num_k):
+                value = row[place[n]] + share[n] * (row[place[n] + 1] - row[place[n]])
+                value *= growth[term, n]
+                total[mic, n] += (weight * value) * (strength[mic, term, n] * wave[n])
 
 
 @numba.njit(cache=True, nogil=True)

@@ -1,27 +1,36 @@
-"""The dish: a rigid spherical cap, concave face to the sonar, and the echoes it returns.
+"""The dish: a rigid spherical cap, concave face to the sonar, and what it returns.
 
-Closed form of its glints: rim, vertex, and the rings of two and three bounces. The rings
-carry most of the energy and, by their delays, the size. Lengths in m; an n-bounce ring has
-incidence i = (pi/2)(1 - 1/n), radius b = R sin i and path 2 n R cos i from the sphere's centre.
+From the front its echo is the sum of glints (``glints``) of tabled strength (``dish_table``) and
+of the rim's own diffraction (``rim``); from behind it is a plain convex cap. The two-bounce ring
+carries most of the energy and, by its delay, the size.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from ertis_simulator.dish_table import NUM_POWERS, at_tilts, powers, strengths
 from ertis_simulator.echoes import Echoes
+from ertis_simulator.glints import FOCUSED, ORDERS, RIM, RING_2, TERMS, VERTEX, Glints, glints
+from ertis_simulator.kernels import bessel_table, sum_glints
+from ertis_simulator.rim import rim_orders
 
 FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex64]
 
 RADII_MM = (35, 48, 58, 70)
 DEPTH_RATIO = 0.6  # depth over aperture radius: 30 % of the diameter
-# Assumed: what a rim tapered to 0.4 mm leaves of a sharp rim's echo.
-RIM_STRENGTH = 0.25
-RING_POINTS, RIM_POINTS = 12, 40
+# Of a sharp edge's diffraction, where physical optics has left it out: 1 for a rim of no thickness.
+RIM_STRENGTH = 1.0
 _EDGE_SOFTNESS_RAD = np.deg2rad(3.0)  # the specular point fades over about a Fresnel zone
+_RIM_TERMS = [TERMS.index((RIM, order)) for order in ORDERS[RIM]]
+_CIRCLE_OF_TERM = np.array([circle for circle, _ in TERMS])
+_ORDER_OF_TERM = np.array([order for _, order in TERMS])
+_IS_RIM = _CIRCLE_OF_TERM == RIM
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +60,71 @@ class Dish:
         return float(np.arccos(1 - self.depth_m / self.sphere_radius_m))
 
 
-def lit_fraction(tilt_rad: FloatArray, incidence_rad: float, half_opening_rad: float) -> FloatArray:
-    """Part of a ring that a tilted dish still returns: 1 frontal, 0 past the limiting angle."""
-    with np.errstate(divide="ignore"):
-        argument = (np.cos(tilt_rad) * np.cos(incidence_rad) - np.cos(half_opening_rad)) / (
-            np.sin(tilt_rad) * np.sin(incidence_rad)
+@dataclass(frozen=True, eq=False)
+class DishEcho:
+    """One dish as many microphones hear it by one way; an ``ertis_simulator.echoes.Scatterer``."""
+
+    dish: Dish
+    laid: Glints
+    rim_strength: float = RIM_STRENGTH
+
+    @cached_property
+    def path_m(self) -> FloatArray:
+        """Way by the two-bounce ring, or by the convex back's vertex, shape (num_mics,)."""
+        loudest = np.where(self._behind, self.laid.path_m[VERTEX], self.laid.path_m[RING_2])
+        return np.asarray(self.laid.centre_path_m + loudest)
+
+    @property
+    def reach_m(self) -> tuple[float, float]:
+        """From the nearest point of the rim to the last ring, wherever ``path_m`` is."""
+        aperture, sphere = self.dish.aperture_radius_m, self.dish.sphere_radius_m
+        return 2.2 * aperture + 3.2 * sphere, 2.2 * sphere + 2.2 * aperture
+
+    @cached_property
+    def _behind(self) -> npt.NDArray[np.bool_]:
+        return np.asarray(self.laid.tilt_rad > np.pi / 2)
+
+    @cached_property
+    def _coefficients(self) -> npt.NDArray[np.complex64]:
+        """Of all terms, shape (num_mics, num_terms, NUM_POWERS)."""
+        tilt, alpha = self.laid.tilt_rad, self.dish.half_opening_rad
+        found = at_tilts(strengths(self._depth_ratio), tilt)
+        found[self._behind] = 0
+        # The first polynomial is 1: what does not depend on frequency goes there.
+        found[:, _RIM_TERMS, 0] += self.rim_strength * rim_orders(alpha, tilt)
+        half_radius = self.dish.sphere_radius_m / self.dish.aperture_radius_m / 2
+        facing = 1 / (1 + np.exp((np.pi - tilt - alpha) / _EDGE_SOFTNESS_RAD))
+        found[:, TERMS.index((VERTEX, 0)), 0] += np.where(self._behind, half_radius * facing, 0)
+        return found
+
+    @property
+    def _depth_ratio(self) -> float:
+        return round(self.dish.depth_m / self.dish.aperture_radius_m, 6)
+
+    def spectrum(self, k_rad_m: FloatArray) -> ComplexArray:
+        """As the renderer asks for, shape (num_mics, num_k)."""
+        laid, aperture = self.laid, self.dish.aperture_radius_m
+        ka = k_rad_m * aperture
+        basis = powers(ka, strengths(self._depth_ratio).highest_ka).astype(np.float32)
+        flat = self._coefficients.reshape(-1, NUM_POWERS)
+        strength = (flat @ basis.T).reshape(len(laid.tilt_rad), len(TERMS), -1)
+        cosines = np.cos(_ORDER_OF_TERM[:, None] * laid.around_rad[_CIRCLE_OF_TERM])
+        turns = np.where(_IS_RIM, (-1j) ** _ORDER_OF_TERM, 1.0)[:, None] * cosines
+        weights = (turns * laid.spreading[_CIRCLE_OF_TERM] * aperture).astype(np.complex64)
+        total = np.zeros((len(laid.tilt_rad), len(k_rad_m)), np.complex64)
+        sum_glints(
+            total,
+            k_rad_m,
+            np.where(FOCUSED[:, None], np.sqrt(ka), 1.0).astype(np.float32),
+            laid.path_m + (laid.centre_path_m - self.path_m),
+            laid.reach_m,
+            strength,
+            weights,
+            _CIRCLE_OF_TERM,
+            _ORDER_OF_TERM,
+            bessel_table(),
         )
-    return np.asarray(np.maximum(2 / np.pi * np.arcsin(np.clip(argument, -1, 1)), 0))
+        return np.conj(total)
 
 
 def dish_echoes(
@@ -66,11 +133,10 @@ def dish_echoes(
     vertex_m: FloatArray,
     emitter_m: FloatArray,
     mics_m: FloatArray,
+    *,
+    rim_strength: float = RIM_STRENGTH,
 ) -> Echoes:
     """What a dish returns to many microphones from one emitter.
-
-    Rings and rim are sampled at points around them: their sum is the Bessel function by which
-    a ring loses its focus between emitter and microphone, or off axis.
 
     Parameters
     ----------
@@ -81,51 +147,16 @@ def dish_echoes(
         Deepest point of the concave face.
     emitter_m, mics_m : shape (3,) and (num_mics, 3)
         May be mirror images, for echoes by way of the floor.
+    rim_strength : float
+        Of the rim's diffraction: 1 for a sharp edge.
 
     Returns
     -------
     Echoes
-        Rim, vertex, two-bounce ring, three-bounce ring; dark ones have gain 0.
+        No points, one body.
     """
-    radius, alpha, aperture = dish.sphere_radius_m, dish.half_opening_rad, dish.aperture_radius_m
-    centre_m = vertex_m + radius * axis
-    to_emitter, to_mics = emitter_m - centre_m, mics_m - centre_m
-    r_s = float(np.linalg.norm(to_emitter))
-    r_m = np.linalg.norm(to_mics, axis=1)
-    unit_s, unit_m = to_emitter / r_s, to_mics / r_m[:, None]
-    bisector = unit_m + unit_s
-    bisector /= np.maximum(np.linalg.norm(bisector, axis=1), 1e-9)[:, None]
-    tilt = np.maximum(np.arccos(np.clip(bisector @ axis, -1, 1)), 1e-6)
-    facing = np.where(tilt < np.pi / 2, 1.0, 0.0)
-    curvature = (1 / r_s + 1 / r_m) / 2
-    spreading = 1 / (r_s * r_m)
-    travel = r_s + r_m
-
-    seen = 1 / (1 + np.exp((tilt - alpha) / _EDGE_SOFTNESS_RAD))
-    parts = [Echoes.of(travel + 2 * radius, -radius / 2 * seen * spreading)]
-    for bounces in (2, 3):
-        incidence = np.pi / 2 * (1 - 1 / bounces)
-        ring, chord = radius * np.sin(incidence), radius * np.cos(incidence)
-        strength = ring * np.sqrt(2 * np.pi * chord / (2 * bounces))
-        gain = strength * facing * lit_fraction(tilt, incidence, alpha) * spreading
-        path = travel + 2 * bounces * chord + ring**2 * curvature
-        for offset in _ring_points(axis, ring, RING_POINTS):
-            skew = (unit_s - unit_m) @ offset  # in at one point, out at the opposite one
-            parts.append(Echoes.of(path + skew, gain / RING_POINTS, exponent=0.5))
-    rim = centre_m - (radius - dish.depth_m) * axis
-    gain = RIM_STRENGTH * aperture / 2 * facing * np.cos(tilt) * spreading / RIM_POINTS
-    for offset in _ring_points(axis, aperture, RIM_POINTS):
-        point = rim + offset
-        path = np.linalg.norm(emitter_m - point) + np.linalg.norm(mics_m - point, axis=1)
-        parts.append(Echoes.of(path, gain))
-    return Echoes.join(parts)
-
-
-def _ring_points(axis: FloatArray, radius_m: float, count: int) -> FloatArray:
-    """Points of a circle around ``axis``, shape (count, 3), relative to its centre."""
-    helper = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    across = np.cross(axis, helper)
-    across /= np.linalg.norm(across)
-    up = np.cross(axis, across)
-    angle = 2 * np.pi * (np.arange(count) + 0.25) / count
-    return radius_m * (np.outer(np.cos(angle), across) + np.outer(np.sin(angle), up))
+    centre_m = vertex_m + dish.sphere_radius_m * axis
+    laid = glints(
+        dish.aperture_radius_m, dish.depth_m, axis, emitter_m - centre_m, mics_m - centre_m
+    )
+    return Echoes.from_body(DishEcho(dish, laid, rim_strength))

@@ -2,7 +2,8 @@
 
 Every echo's spectrum (power of k, piston pattern, absorption, roughness) is smooth in frequency, so
 it is a short sum of fixed polynomials. Impulses go into one complex train a polynomial at 150 kHz
-around 62.5 kHz; the chirp and the sensor's response are applied once, to their spectra.
+around 62.5 kHz; the chirp and the sensor's response are applied once, to their spectra. A body's
+response has any spectrum: it is sampled in frequency and goes into the train of the constant.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import scipy.fft
 from ertis_detector.air import Air
 from ertis_detector.piston import piston_pattern
 from ertis_driver.frame import AUDIO_RATE_HZ
-from ertis_simulator.echoes import Echoes
+from ertis_simulator.echoes import Echoes, Response
 from ertis_simulator.kernels import KERNEL_TAPS, place_echoes
 from ertis_simulator.transducer import AMPLITUDE_AT_1M, sensor_response
 
@@ -25,6 +26,8 @@ _DECIMATION = 3  # 450 to 150 kHz, complex
 _CHIRP_ROOM = 2_048  # audio samples behind the frame for the tails of the last echoes
 _BASIS = 8
 _FRACTIONS = 256
+_RESPONSE_MARGIN = 24  # samples of 6.7 us around a body's response for its band limit to ring
+_FADE_HZ = (3e3, 125e3)
 
 
 @cache
@@ -44,17 +47,29 @@ def _polynomials(frequency_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.float6
     return np.asarray(np.polynomial.chebyshev.chebvander(x, _BASIS - 1))
 
 
+def _way(
+    k: npt.NDArray[np.float64],
+    air: Air,
+    frequency_hz: npt.NDArray[np.float64],
+    path_m: npt.NDArray[np.float64],
+    sin_emission: npt.NDArray[np.float64],
+    roughness_m: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """What emission, air and rough surfaces leave, shape (num_ways, num_frequencies)."""
+    attenuation = air.absorption_db_m(frequency_hz) * (np.log(10) / 20)
+    value = np.exp(-attenuation[None, :] * path_m[:, None])
+    value = value * piston_pattern(k[None, :], sin_emission[:, None])
+    return np.asarray(value * np.exp(-2 * (k[None, :] * roughness_m[:, None]) ** 2))
+
+
 def spectra(
     echoes: Echoes, air: Air, frequency_hz: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     """Amplitude of each echo over frequency, shape (num_echoes, num_frequencies)."""
     k = 2 * np.pi * frequency_hz / air.speed_of_sound_m_s
-    attenuation = air.absorption_db_m(frequency_hz) * (np.log(10) / 20)
-    value = k[None, :] ** echoes.exponent[:, None]
-    value = value * np.exp(-attenuation[None, :] * echoes.path_m.mean(axis=1)[:, None])
-    value *= piston_pattern(k[None, :], echoes.sin_emission[:, None])
-    value *= np.exp(-2 * (k[None, :] * echoes.roughness_m[:, None]) ** 2)
-    return np.asarray(value)
+    path_m = echoes.path_m.mean(axis=1)
+    way = _way(k, air, frequency_hz, path_m, echoes.sin_emission, echoes.roughness_m)
+    return np.asarray(way * k[None, :] ** echoes.exponent[:, None])
 
 
 def _coefficients(
@@ -72,6 +87,49 @@ def _coefficients(
     trust = np.maximum(trust / max(float(trust.max()), 1e-12), 1e-3)
     inverse = np.linalg.pinv(_polynomials(nodes) * trust[:, None])
     return np.asarray(spectra(echoes, air, nodes) @ (inverse * trust).T)
+
+
+def _place_response(
+    train: npt.NDArray[np.complex64],
+    response: Response,
+    air: Air,
+    carrier_hz: float,
+    frame_s: float,
+) -> None:
+    """Add a body's impulse response to a train of shape (num_mics, length)."""
+    c, rate_hz = air.speed_of_sound_m_s, AUDIO_RATE_HZ / _DECIMATION
+    path_m, (before_m, behind_m) = response.body.path_m, response.body.reach_m
+    first = max(int((path_m.min() - before_m) / c * rate_hz) - _RESPONSE_MARGIN, 0)
+    last = int((path_m.max() + behind_m) / c * rate_hz) + _RESPONSE_MARGIN
+    # What arrives after the frame is not heard; its tail must not wrap to the start either.
+    if path_m.min() / c > frame_s or last >= train.shape[1]:
+        return
+    size = scipy.fft.next_fast_len(last - first)
+    low, high = (round((edge - carrier_hz) * size / rate_hz) for edge in _FADE_HZ)
+    wanted = np.arange(low, high + 1)  # counted from the carrier
+    frequency_hz = np.asarray(carrier_hz + wanted * (rate_hz / size), np.float64)
+    spectrum = np.zeros((path_m.size, size), np.complex64)
+    spectrum[:, wanted] = _response_spectrum(response, air, frequency_hz, first / rate_hz)
+    # Trains count their samples' phase from the start of the frame.
+    spectrum *= np.exp(-2j * np.pi * carrier_hz * first / rate_hz)
+    train[:, first : first + size] += scipy.fft.ifft(spectrum, axis=1)[:, : train.shape[1] - first]
+
+
+def _response_spectrum(
+    response: Response, air: Air, frequency_hz: npt.NDArray[np.float64], start_s: float
+) -> npt.NDArray[np.complex64]:
+    """What a body returns by its way, delays counted from ``start_s``; faded beyond the band."""
+    path_m = response.body.path_m
+    k = np.asarray(2 * np.pi * frequency_hz / air.speed_of_sound_m_s)
+    mean_m, sine, roughness_m = (
+        np.array([value]) for value in (path_m.mean(), response.sin_emission, response.roughness_m)
+    )
+    way = _way(k, air, frequency_hz, mean_m, sine, roughness_m)
+    # A sharp edge in frequency would ring beyond the samples kept.
+    fade = np.interp(frequency_hz, (_FADE_HZ[0], *BAND_HZ, _FADE_HZ[1]), (0, 1, 1, 0))
+    way = way * (response.factor * AMPLITUDE_AT_1M * np.sin(np.pi / 2 * fade) ** 2)
+    late_m = path_m[:, None] - start_s * air.speed_of_sound_m_s
+    return np.asarray(response.body.spectrum(k) * np.exp(-1j * k * late_m) * way, np.complex64)
 
 
 def render(
@@ -114,6 +172,9 @@ def render(
     num_mics = echoes.path_m.shape[1]
     trains = np.zeros((num_mics, _BASIS, length), np.complex64)
     place_echoes(trains, delay_s * (AUDIO_RATE_HZ / _DECIMATION), weights, _kernel_table())
+    for response in echoes.responses:
+        frame_s = num_samples / AUDIO_RATE_HZ
+        _place_response(trains[:, 0], response, air, carrier_hz, frame_s)
 
     first = int(np.ceil(BAND_HZ[0] / spacing))
     bins = np.arange(first, int(BAND_HZ[1] / spacing) + 1)

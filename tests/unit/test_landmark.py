@@ -1,30 +1,49 @@
 import numpy as np
 import pytest
-from scipy.special import j0
 
-from ertis_simulator.landmark import RADII_MM, RING_POINTS, Dish, dish_echoes, lit_fraction
+from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
+from ertis_simulator.glints import RIM, RING_2, RING_3, VERTEX, glints
+from ertis_simulator.landmark import RADII_MM, Dish, dish_echoes
+from ertis_simulator.physical_optics import CapOptics
+from ertis_simulator.rim import rim_orders
 
 C_M_S = 343.0
 FAR_M = 500.0  # wavefronts there are flat over a dish: nothing but its own geometry is left
-VERTEX, RING2, RING3 = slice(0, 1), slice(1, 1 + RING_POINTS), slice(13, 13 + RING_POINTS)
 TOWARD_SONAR = np.array([-1.0, 0.0, 0.0])
+EMITTER, MICS = np.array(EMITTER_POSITION_M), mic_positions_m()
 radii = pytest.mark.parametrize("radius_mm", RADII_MM)
-
-
-def echoes_of(dish, axis=TOWARD_SONAR, at=(FAR_M, 0.0, 0.0), emitter=(0.0, 0.0, 0.0), mic=None):
-    mics = np.array([emitter if mic is None else mic], float)
-    return dish_echoes(dish, axis, np.array(at), np.array(emitter, float), mics)
-
-
-def scattered(echoes, part, frequency_hz):
-    """Complex sum of some echoes at one frequency, for the first microphone."""
-    k = 2 * np.pi * frequency_hz / C_M_S
-    waves = echoes.gain[:, 0] * k**echoes.exponent * np.exp(1j * k * echoes.path_m[:, 0])
-    return waves[part].sum()
 
 
 def turned(degrees):
     return np.array([-np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees)), 0.0])
+
+
+def body_of(dish, axis=TOWARD_SONAR, at=(FAR_M, 0.0, 0.0), emitter=(0, 0, 0), mics=None, **rim):
+    mics = np.array([emitter] if mics is None else mics, float)
+    echoes = dish_echoes(dish, axis, np.array(at), np.array(emitter, float), mics, **rim)
+    assert echoes.path_m.size == 0
+    return echoes.responses[0].body
+
+
+def heard(dish, frequency_hz, **where):
+    """Pressure at the microphones, e^{-iwt}, shape (num_mics, num_frequencies)."""
+    body, k = body_of(dish, **where), 2 * np.pi * np.atleast_1d(frequency_hz) / C_M_S
+    return np.conj(body.spectrum(k)) * np.exp(1j * k * body.path_m[:, None])
+
+
+def laid_for(dish, axis=TOWARD_SONAR, at=(FAR_M, 0.0, 0.0), emitter=(0, 0, 0), mic=None):
+    centre = np.array(at) + dish.sphere_radius_m * axis
+    mic = np.array(emitter if mic is None else mic, float)
+    return glints(
+        dish.aperture_radius_m, dish.depth_m, axis, np.array(emitter) - centre, mic[None] - centre
+    )
+
+
+def level_db(dish, tilt_deg, low_hz=20e3, high_hz=80e3):
+    """Scattering length in dB re aperture radius, over the band, in the far field."""
+    pressure = heard(dish, np.linspace(low_hz, high_hz, 121), axis=turned(tilt_deg))
+    length = np.sqrt(np.mean(np.abs(pressure) ** 2)) * FAR_M**2
+    return 20 * np.log10(length / dish.aperture_radius_m)
 
 
 @radii
@@ -37,118 +56,168 @@ def test_a_landmark_is_60_percent_as_deep_as_its_aperture_is_wide(radius_mm):
 @radii
 @pytest.mark.parametrize(
     ("ring", "us_per_mm"),
-    [(RING2, (2 * np.sqrt(2) - 2) * 1.13333 / 0.343), (RING3, 1.13333 / 0.343)],
+    [(RING_2, (2 * np.sqrt(2) - 2) * 1.13333 / 0.343), (RING_3, 1.13333 / 0.343)],
 )
 def test_the_rings_follow_the_vertex_by_their_longer_way(radius_mm, ring, us_per_mm):
-    path = echoes_of(Dish.landmark(radius_mm)).path_m[:, 0]
+    path = laid_for(Dish.landmark(radius_mm)).path_m[:, 0]
     behind_us = (path[ring] - path[VERTEX]) / C_M_S * 1e6
     np.testing.assert_allclose(behind_us, us_per_mm * radius_mm, rtol=5e-4)
 
 
-def test_the_delays_per_mm_are_those_the_project_names():
-    path = echoes_of(Dish(1.0, 0.6), at=(1e6, 0.0, 0.0)).path_m[:, 0]
-    us_per_mm = (path - path[0]) / C_M_S * 1e3
-    assert us_per_mm[RING2].mean() == pytest.approx(2.74, abs=0.006)
-    assert us_per_mm[RING3].mean() == pytest.approx(3.30, abs=0.006)
+@radii
+@pytest.mark.parametrize("tilt_deg", [0, 15])
+def test_the_strongest_echo_is_the_two_bounce_ring_when_it_should_arrive(radius_mm, tilt_deg):
+    dish = Dish.landmark(radius_mm)
+    frequency_hz = np.arange(20e3, 80e3, 250.0)
+    at = np.array([FAR_M, 0.0, 0.0]) + dish.sphere_radius_m * (TOWARD_SONAR - turned(tilt_deg))
+    pressure = heard(dish, frequency_hz, axis=turned(tilt_deg), at=at)[0]
+    after_s = np.arange(-100e-6, 500e-6, 1e-6)
+    to_vertex = 2 * FAR_M
+    turn = np.exp(-2j * np.pi * np.outer(after_s + to_vertex / C_M_S, frequency_hz))
+    envelope = np.abs(turn @ (pressure * np.hanning(frequency_hz.size)))
+    expected_s = 2.737e-6 * radius_mm
+    assert after_s[np.argmax(envelope)] == pytest.approx(expected_s, abs=9e-6)
 
 
 def test_the_vertex_returns_after_the_way_to_it_and_back():
     emitter, mic, at = np.zeros(3), np.array([0.0, 0.03, 0.0]), np.array([2.0, 0.0, 0.0])
-    path = echoes_of(Dish.landmark(48), at=at, emitter=emitter, mic=mic).path_m[0, 0]
+    laid = laid_for(Dish.landmark(48), at=at, emitter=emitter, mic=mic)
     exact = np.linalg.norm(at - emitter) + np.linalg.norm(at - mic)
-    assert path == pytest.approx(exact, abs=1e-4)
+    assert laid.centre_path_m[0] + laid.path_m[VERTEX, 0] == pytest.approx(exact, abs=1e-4)
 
 
 @pytest.mark.parametrize("tilt_deg", [0, 10, 20, 30, 40])
-def test_the_delays_do_not_change_with_tilt(tilt_deg):
+def test_the_delays_of_vertex_and_rings_do_not_change_with_tilt(tilt_deg):
     dish = Dish.landmark(58)
     at = np.array([FAR_M, 0.0, 0.0]) + dish.sphere_radius_m * (TOWARD_SONAR - turned(tilt_deg))
-    path = echoes_of(dish, turned(tilt_deg), at).path_m[:, 0]
-    frontal = echoes_of(dish).path_m[:, 0]
-    np.testing.assert_allclose(path[:25], frontal[:25], atol=1e-6)
-
-
-@pytest.mark.parametrize("incidence_rad", [np.pi / 4, np.pi / 3])
-def test_a_frontal_ring_is_lit_all_around(incidence_rad):
-    alpha = Dish.landmark(48).half_opening_rad
-    assert lit_fraction(np.array(1e-6), incidence_rad, alpha) == pytest.approx(1.0)
-
-
-def test_tilt_darkens_the_two_bounce_ring_and_puts_it_out_at_the_limiting_angle():
-    alpha = Dish.landmark(48).half_opening_rad
-    tilt_deg = np.array([16.0, 20.0, 30.0, 40.0, 45.0, 49.0, 60.0, 89.0])
-    lit = lit_fraction(np.deg2rad(tilt_deg), np.pi / 4, alpha)
-    assert np.all(np.diff(lit) <= 0)
-    assert lit[0] == 1.0
-    assert 0.5 < lit[1] < 0.7
-    assert lit[3] == pytest.approx(0.1, abs=0.02)
-    assert lit[4] < 0.05
-    np.testing.assert_array_equal(lit[5:], 0.0)
-
-
-def test_the_lit_fraction_is_the_share_of_ring_points_that_see_out():
-    """Count the points of a tilted ring whose first and last bounce both lie on the cap."""
-    alpha, incidence = Dish.landmark(48).half_opening_rad, np.pi / 4
-    around = 2 * np.pi * (np.arange(100_000) + 0.5) / 100_000
-    for tilt in np.deg2rad([10.0, 20.0, 30.0, 40.0]):
-        height = np.cos(tilt) * np.cos(incidence)
-        swing = np.sin(tilt) * np.sin(incidence) * np.cos(around)
-        on_cap = (height + swing >= np.cos(alpha)) & (height - swing >= np.cos(alpha))
-        assert lit_fraction(tilt, incidence, alpha) == pytest.approx(on_cap.mean(), abs=1e-3)
+    path, frontal = laid_for(dish, turned(tilt_deg), at).path_m, laid_for(dish).path_m
+    np.testing.assert_allclose(path[VERTEX : RING_3 + 1], frontal[VERTEX : RING_3 + 1], atol=1e-6)
 
 
 @pytest.mark.parametrize("frequency_hz", [30e3, 50e3, 80e3])
 def test_size_is_a_pure_scale(frequency_hz):
     """Half the dish, at half the distance and twice the frequency, scatters the same."""
     small, large = Dish.landmark(35), Dish.landmark(70)
-    for axis in (turned(5), turned(25)):
-        near = echoes_of(small, axis, (1.0, 0.0, 0.0), mic=(0.0, 0.02, 0.01))
-        far = echoes_of(large, axis, (2.0, 0.0, 0.0), mic=(0.0, 0.04, 0.02))
-        one = scattered(near, slice(None), 2 * frequency_hz) * 1.0
-        other = scattered(far, slice(None), frequency_hz) * 2.0
-        assert one == pytest.approx(other, rel=1e-6)
+    for axis in (turned(5), turned(25), turned(70), turned(150)):
+        near = heard(small, 2 * frequency_hz, axis=axis, at=(1, 0, 0), mics=[(0, 0.02, 0.01)])
+        far = heard(large, frequency_hz, axis=axis, at=(2, 0, 0), mics=[(0, 0.04, 0.02)])
+        assert near[0, 0] == pytest.approx(2 * far[0, 0], rel=1e-3)
 
 
 @radii
-def test_the_two_bounce_ring_stands_some_20_db_above_the_vertex(radius_mm):
-    echoes = echoes_of(Dish.landmark(radius_mm))
-    ratio = abs(scattered(echoes, RING2, 50e3) / scattered(echoes, VERTEX, 50e3))
-    assert 17 < 20 * np.log10(ratio) < 25
+def test_a_frontal_dish_returns_mostly_rings(radius_mm):
+    """By closed form b sqrt(2 pi ka R cos i / 4) for the first alone; half the radius without."""
+    ka = 2 * np.pi * np.linspace(20e3, 80e3, 121) / C_M_S * radius_mm / 1000
+    ring_db = 10 * np.log10(np.mean(0.8014**2 * 2 * np.pi * ka * 0.8014 / 4))
+    found_db = level_db(Dish.landmark(radius_mm), 0.0)
+    assert ring_db - 1 < found_db < ring_db + 3.5  # the rim and the third bounce add
+    assert found_db > 20 * np.log10(1.1333 / 2) + 15
 
 
-def test_the_vertex_scatters_as_half_the_sphere_radius():
-    dish = Dish.landmark(70)
-    echoes = echoes_of(dish)
-    distance = FAR_M - dish.sphere_radius_m
-    assert abs(echoes.gain[0, 0]) * distance**2 == pytest.approx(dish.sphere_radius_m / 2, rel=1e-3)
+@radii
+def test_tilt_darkens_the_rings_to_40_degrees_the_vertex_to_65_and_leaves_the_edge(radius_mm):
+    dish = Dish.landmark(radius_mm)
+    frontal, strong, limit, vertex, edge = (level_db(dish, t) for t in (0, 20, 45, 55, 78))
+    assert -9 < strong - frontal < -1
+    assert -28 < limit - frontal < -12
+    assert vertex == pytest.approx(20 * np.log10(1.1333 / 2), abs=3.5)
+    assert -35 < edge < vertex - 6
 
 
-@pytest.mark.parametrize("frequency_hz", [25e3, 50e3, 80e3])
-def test_a_ring_loses_its_focus_by_the_bessel_function_between_emitter_and_microphone(frequency_hz):
-    dish, distance = Dish.landmark(70), 2.0
-    k = 2 * np.pi * frequency_hz / C_M_S
-    together = scattered(echoes_of(dish, at=(distance, 0, 0)), RING2, frequency_hz)
-    for apart_m in (0.02, 0.05, 0.08):
-        echoes = echoes_of(dish, at=(distance, 0.0, 0.0), mic=(0.0, apart_m, 0.0))
-        gamma = apart_m / (distance - dish.sphere_radius_m)
-        ring_radius = dish.sphere_radius_m / np.sqrt(2)
-        found = abs(scattered(echoes, RING2, frequency_hz)) / abs(together)
-        assert found == pytest.approx(abs(j0(k * ring_radius * gamma)), abs=0.02)
+def test_strength_changes_smoothly_with_tilt():
+    levels = np.array([level_db(Dish.landmark(48), t) for t in np.arange(0, 60, 1.0)])
+    assert np.max(np.abs(np.diff(levels))) < 2.0
 
 
-@pytest.mark.parametrize("tilt_deg", [0, 15, 35])
+@pytest.mark.parametrize("tilt_deg", [0, 15, 35, 75, 140])
 def test_emitter_and_microphone_may_be_swapped(tilt_deg):
     dish, at = Dish.landmark(48), (1.2, 0.2, -0.1)
     here, there = (0.0, 0.0, 0.051), (0.0, 0.04, -0.02)
-    one = echoes_of(dish, turned(tilt_deg), at, emitter=here, mic=there)
-    other = echoes_of(dish, turned(tilt_deg), at, emitter=there, mic=here)
-    for frequency_hz in (25e3, 50e3, 80e3):
-        assert scattered(one, slice(None), frequency_hz) == pytest.approx(
-            scattered(other, slice(None), frequency_hz), rel=1e-9
-        )
+    frequency_hz = np.array([25e3, 50e3, 75e3])
+    one = heard(dish, frequency_hz, axis=turned(tilt_deg), at=at, emitter=here, mics=[there])
+    other = heard(dish, frequency_hz, axis=turned(tilt_deg), at=at, emitter=there, mics=[here])
+    np.testing.assert_allclose(one, other, rtol=2e-4)
 
 
-def test_a_dish_seen_from_behind_returns_next_to_nothing():
-    behind = echoes_of(Dish.landmark(48), -TOWARD_SONAR)
-    frontal = echoes_of(Dish.landmark(48))
-    assert np.abs(behind.gain).sum() < 1e-3 * np.abs(frontal.gain).sum()
+@pytest.mark.parametrize(
+    ("radius_mm", "range_m", "tilt_deg", "least"),
+    [(35, 0.6, 5, 0.97), (70, 0.7, 20, 0.95), (48, 2.0, 12, 0.97), (58, 1.5, 35, 0.95)],
+)
+def test_every_microphone_hears_what_the_surface_integral_radiates(
+    radius_mm, range_m, tilt_deg, least
+):
+    """Near field, emitter and microphones apart: against physical optics at the true places."""
+    dish, axis = Dish.landmark(radius_mm), turned(tilt_deg)
+    vertex, a = np.array([range_m, 0.1, 0.0]), dish.aperture_radius_m
+    mics = MICS[::8]
+    frame = np.array([np.cross(axis, [0, 0, 1]), np.cross(axis, np.cross(axis, [0, 0, 1])), axis])
+    centre = vertex + dish.sphere_radius_m * axis
+    ka = np.arange(18.0, 36.0, 1.5)
+    optics = np.array(
+        [
+            CapOptics(0.6, each, points_per_wavelength=6).near_field(
+                frame @ (EMITTER - centre) / a, (mics - centre) @ frame.T / a
+            )
+            for each in ka
+        ]
+    ).T
+    frequency_hz = ka / a * C_M_S / (2 * np.pi)
+    found = heard(dish, frequency_hz, axis=axis, at=vertex, emitter=EMITTER, mics=mics) * a
+    for one, other in zip(found, optics, strict=True):
+        match = abs(np.vdot(one, other)) / np.linalg.norm(one) / np.linalg.norm(other)
+        assert match > least
+    assert 20 * np.log10(np.linalg.norm(found) / np.linalg.norm(optics)) == pytest.approx(0, abs=1)
+
+
+def test_a_point_of_the_rim_is_heard_when_it_is_passed():
+    """Near and far edge of a dish on its side are 2 a sin(tilt) apart in range."""
+    dish = Dish.landmark(70)
+    laid = laid_for(dish, turned(60))
+    half = dish.aperture_radius_m * np.sin(np.deg2rad(60))
+    assert laid.reach_m[RIM, 0] == pytest.approx(2 * half, rel=1e-3)
+
+
+def test_the_rim_can_be_tapered_away():
+    dish, where = Dish.landmark(48), {"axis": turned(85)}
+    sharp = heard(dish, 50e3, rim_strength=1.0, **where)[0, 0]
+    half = heard(dish, 50e3, rim_strength=0.5, **where)[0, 0]
+    none = heard(dish, 50e3, rim_strength=0.0, **where)[0, 0]
+    assert half == pytest.approx((sharp + none) / 2, rel=1e-3)
+    assert abs(none) != pytest.approx(abs(sharp), rel=0.05)
+
+
+def test_a_rim_seen_edge_on_diffracts_as_a_half_plane():
+    """Frontal: every point alike, incidence 28 degrees off the wall: -(1 + 1 / cos 152) / 2."""
+    alpha = Dish.landmark(48).half_opening_rad
+    orders = rim_orders(alpha, np.array([0.0]))[0]
+    keller = -(1 + 1 / np.cos(np.pi / 2 + alpha)) / 2
+    kirchhoff = -np.sin(np.pi / 2 + alpha) / (2 * np.cos(np.pi / 2 + alpha))
+    np.testing.assert_allclose(orders, [keller - kirchhoff, 0, 0], atol=1e-9)
+
+
+@radii
+def test_a_dish_seen_from_behind_is_a_convex_cap(radius_mm):
+    """A mirror of scattering length R/2, as early as its vertex is near, and its rim."""
+    dish = Dish.landmark(radius_mm)
+    frequency_hz = np.arange(20e3, 80e3, 500.0)
+    pressure = heard(dish, frequency_hz, axis=-TOWARD_SONAR, rim_strength=0.0)[0] * FAR_M**2
+    k = 2 * np.pi * frequency_hz / C_M_S
+    np.testing.assert_allclose(
+        pressure * np.exp(-2j * k * FAR_M), dish.sphere_radius_m / 2, rtol=0.01
+    )
+    assert level_db(dish, 180) < level_db(dish, 0) - 12
+
+
+def test_a_bowl_of_any_depth_is_heard():
+    """Shallow ones without rings are weaker; between tabled depths strengths are between."""
+    levels = [level_db(Dish(0.05, 0.05 * ratio), 0.0) for ratio in (0.2, 0.3, 0.6, 0.7, 1.0)]
+    assert levels[0] < levels[2] - 3
+    assert all(-10 < level < 25 for level in levels)
+
+
+def test_microphones_of_one_array_hear_one_dish_differently():
+    pressure = heard(
+        Dish.landmark(70), 60e3, axis=turned(10), at=(1.5, 0, 0), emitter=EMITTER, mics=MICS
+    )
+    level = 20 * np.log10(np.abs(pressure[:, 0]))
+    assert np.ptp(level) > 3.0

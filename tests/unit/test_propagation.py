@@ -1,3 +1,5 @@
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -6,6 +8,7 @@ from ertis_detector.piston import piston_pattern
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.echoes import Echoes
+from ertis_simulator.landmark import Dish, dish_echoes
 from ertis_simulator.propagation import render
 from ertis_simulator.transducer import AMPLITUDE_AT_1M, sensor_response
 
@@ -130,3 +133,58 @@ def test_no_echo_is_silence():
     assert silent.shape == (32, NUM_SAMPLES)
     assert silent.dtype == np.float32
     assert not silent.any()
+
+
+@dataclass
+class TwoPoints:
+    """A body that is only two point echoes, the second ``late_m`` later."""
+
+    path_m: np.ndarray
+    late_m: float
+    reach_m: tuple = (0.02, 0.3)
+
+    def spectrum(self, k):
+        both = 1 + 0.5 * np.exp(-1j * k * self.late_m)
+        return (both / self.path_m[:, None]).astype(np.complex64)
+
+
+@pytest.mark.parametrize("point", [(0.6, 0.0, 0.0), (2.5, -0.5, 0.2), (5.5, 0.5, 0.1)])
+@pytest.mark.parametrize("late_m", [0.0, 0.033, 0.1003])
+@pytest.mark.parametrize("way", [(0.0, 0.0), (0.3, 0.0), (0.2, 0.5e-3)])
+def test_a_body_is_heard_as_the_points_it_is_made_of(point, late_m, way):
+    path_m, (sin_emission, roughness_m) = paths_m(point), way
+    body = Echoes.from_body(TwoPoints(path_m, late_m))
+    heard = rendered(body.emitted(sin_emission, factor=0.7, roughness_m=roughness_m))
+    one, other = Echoes.of(path_m, 1 / path_m), Echoes.of(path_m + late_m, 0.5 / path_m)
+    points = Echoes.join([one, other])
+    # Absorption is taken at the body's own range: its parts differ by less than can be heard.
+    expected = rendered(points.emitted(sin_emission, factor=0.7, roughness_m=roughness_m))
+    assert error_db(heard, expected) <= (-45.0 if late_m < 0.1 else -37.0)
+
+
+@pytest.mark.parametrize(("radius_mm", "tilt_deg"), [(20, 0), (48, 20), (70, 50), (120, 0)])
+def test_a_dish_is_rendered_as_its_spectrum_says(radius_mm, tilt_deg):
+    """Frequency by frequency, without train, window or fade."""
+    tilt = np.deg2rad(tilt_deg)
+    axis, at = np.array([-np.cos(tilt), np.sin(tilt), 0.0]), np.array([2.0, 0.2, 0.1])
+    echoes = dish_echoes(Dish.landmark(radius_mm), axis, at, EMITTER, MICS)
+    body, size = echoes.responses[0].body, 1 << 15
+    frequency_hz = np.fft.rfftfreq(size, 1 / RATE_HZ)[1:-1]
+    k = 2 * np.pi * frequency_hz / AIR.speed_of_sound_m_s
+    spectrum = np.fft.rfft(CHIRP, size)[1:-1] * sensor_response(frequency_hz) * AMPLITUDE_AT_1M
+    spectrum = spectrum * 10 ** (-AIR.absorption_db_m(frequency_hz) * body.path_m.mean() / 20)
+    delayed = spectrum * body.spectrum(k) * np.exp(-1j * k * body.path_m[:, None])
+    expected = np.fft.irfft(np.pad(delayed, ((0, 0), (1, 1))), size, axis=1)[:, :NUM_SAMPLES]
+    assert error_db(rendered(echoes), expected) <= -40.0
+
+
+def test_a_body_behind_the_frame_is_not_heard():
+    far = Echoes.from_body(TwoPoints(np.full(32, 12.6), 0.1))
+    assert not rendered(far).any()
+
+
+def test_bodies_keep_their_place_when_echoes_are_joined():
+    path_m = paths_m((2.0, 0.1, 0.0))
+    body, point = Echoes.from_body(TwoPoints(path_m, 0.05)), Echoes.of(path_m + 0.4, 1 / path_m)
+    together = rendered(Echoes.join([point, body]))
+    np.testing.assert_allclose(together, rendered(body) + rendered(point), atol=1e-6)
