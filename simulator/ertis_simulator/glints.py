@@ -84,43 +84,66 @@ def glints(
     to_source_m = np.broadcast_to(to_source_m, to_mics_m.shape)
     r_s, r_m = np.linalg.norm(to_source_m, axis=1), np.linalg.norm(to_mics_m, axis=1)
     unit_s, unit_m = to_source_m / r_s[:, None], to_mics_m / r_m[:, None]
-    both, apart = unit_s + unit_m, unit_s - unit_m
-    bisector = both / np.maximum(np.linalg.norm(both, axis=1), 1e-9)[:, None]
+    bisector = _unit(unit_s + unit_m)
     tilt = np.arccos(np.clip(bisector @ axis, -1, 1))
-    curvature = (1 / r_s + 1 / r_m) / 2
-
     # The concave face's vertex lies behind the centre, the convex back's before it.
     side = np.where(tilt > np.pi / 2, -radius, radius)
-    mirror = -side[:, None] * bisector
-    vertex = _way(to_source_m, to_mics_m, mirror) - r_s - r_m
-    rim_centre = (depth_m - radius) * axis
-    rim = _way(to_source_m, to_mics_m, rim_centre) - r_s - r_m
-    # The rim's echo comes from where it is nearest and farthest, once it is tilted.
-    rim = rim + (aperture_radius_m * np.cos(tilt)) ** 2 * curvature
-    rings = [ring(radius, n) for n in _BOUNCES.values()]
-    path = [vertex, *(way + b**2 * curvature for b, way in rings), rim, rim + 2 * aperture_radius_m]
+    vertex = _way(to_source_m, to_mics_m, -side[:, None] * bisector)
+    rings = [_near_ring(radius, n, r_s, r_m) for n in _BOUNCES.values()]
+    # A tilted rim's echo comes from its nearest and its farthest point.
+    edge = aperture_radius_m * _unit(bisector - np.cos(tilt)[:, None] * axis)
+    centre = (depth_m - radius) * axis
+    nearest, farthest = (_way(to_source_m, to_mics_m, centre + sign * edge) for sign in (1, -1))
+    bend = (aperture_radius_m * np.cos(tilt)) ** 2 * (1 / r_s + 1 / r_m) / 2
+    across = _way(to_source_m, to_mics_m, centre) + bend + 2 * aperture_radius_m
+    path = [vertex, *(way for _, way in rings), (nearest + farthest) / 2, across]
 
-    # Azimuth of the displacement, counted from the plane of the axis and the bisector.
-    sideways = np.cross(bisector, axis)
-    sideways = sideways / np.maximum(np.linalg.norm(sideways, axis=1), 1e-12)[:, None]
-    q = np.linalg.norm(apart, axis=1)
-    turn = np.arctan2(
-        np.sum(apart * sideways, axis=1), np.sum(apart * np.cross(sideways, bisector), axis=1)
-    )
-    across = np.linalg.norm(both - (both @ axis)[:, None] * axis, axis=1)
-    none = np.zeros_like(q)
-    reach = [none, *(b * q for b, _ in rings), aperture_radius_m * across, aperture_radius_m * q]
+    q, turn = _displacement(unit_s - unit_m, bisector, axis)
+    none, rim = np.zeros_like(q), (farthest - nearest) / 2
+    reach = [none, *(b * q for b, _ in rings), rim, aperture_radius_m * q]
     far = 1 / (r_s * r_m)
     # A mirror's focus lies between: exact for the vertex on its axis.
     focused = 1 / np.sqrt(r_s * (r_s + side) * r_m * (r_m + side))
     return Glints(
-        np.array(path),
+        np.array(path) - (r_s + r_m),
         np.array(reach),
         np.array([none, turn, turn, turn, none, turn]),
         r_s + r_m,
         tilt,
         np.array([focused, far, far, far, far, far]),
     )
+
+
+def _displacement(
+    apart: FloatArray, bisector: FloatArray, axis: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """How far apart the directions are, and which way from the plane of axis and bisector."""
+    sideways = _unit(np.cross(bisector, axis))
+    along = np.sum(apart * np.cross(sideways, bisector), axis=1)
+    turn = np.arctan2(np.sum(apart * sideways, axis=1), along)
+    return np.linalg.norm(apart, axis=1), np.asarray(turn)
+
+
+def _near_ring(
+    sphere_radius_m: float, bounces: int, r_s: FloatArray, r_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Radius and whole way of a ring for finite distances: rays meet it opened by b / r.
+
+    To b^2 (1/r_s + 1/r_m) / 2 beyond the far field's way in first order.
+    """
+    incidence = np.full(r_s.shape, np.pi / 2 * (1 - 1 / bounces))
+    opened_s = opened_m = np.zeros_like(r_s)
+    for _ in range(6):
+        b = sphere_radius_m * np.sin(incidence)
+        opened_s, opened_m = np.arcsin(np.minimum(b / r_s, 1)), np.arcsin(np.minimum(b / r_m, 1))
+        incidence = np.pi / 2 * (1 - 1 / bounces) - (opened_s + opened_m) / (2 * bounces)
+    way = r_s * np.cos(opened_s) + r_m * np.cos(opened_m)
+    return b, way + 2 * bounces * sphere_radius_m * np.cos(incidence)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Of length 1; what has none stays without."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)[:, None])
 
 
 def _way(source_m: FloatArray, mics_m: FloatArray, by_m: FloatArray) -> FloatArray:
