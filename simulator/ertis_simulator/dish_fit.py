@@ -17,8 +17,9 @@ import numpy.typing as npt
 from scipy.special import jv
 
 from ertis_simulator.dish_table import LOWEST_KA, NUM_POWERS, TILTS_RAD, powers
-from ertis_simulator.glints import FOCUSED, RIM, TERMS, glints
+from ertis_simulator.glints import FOCUSED, ORDERS, RIM, TERMS, glints
 from ertis_simulator.physical_optics import CapOptics
+from ertis_simulator.rim import rim_orders
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -119,13 +120,18 @@ def fit_tilt(depth_ratio: float, plan: Plan, tilt_rad: float, found: ComplexArra
 
 
 def fit(depth_ratio: float, plan: Plan, samples: ComplexArray) -> ComplexArray:
-    """Strengths at all tilts, shape (num_tilts, num_terms, NUM_POWERS)."""
-    return np.array(
+    """Strengths at all tilts with a sharp rim, shape (num_tilts, num_terms, NUM_POWERS)."""
+    fitted = np.array(
         [
             fit_tilt(depth_ratio, plan, tilt, samples[:, number])
             for number, tilt in enumerate(TILTS_RAD)
         ]
     )
+    half_opening_rad = CapOptics(depth_ratio, 1.0).half_opening
+    rim_terms = [TERMS.index((RIM, order)) for order in ORDERS[RIM]]
+    # The first polynomial is 1, and an edge's diffraction does not depend on frequency.
+    fitted[:, rim_terms, 0] += rim_orders(half_opening_rad, TILTS_RAD)
+    return fitted
 
 
 def write_table(path: Path, coefficients: dict[float, ComplexArray]) -> None:

@@ -24,7 +24,7 @@ ComplexArray = npt.NDArray[np.complex64]
 
 RADII_MM = (35, 48, 58, 70)
 DEPTH_RATIO = 0.6  # depth over aperture radius: 30 % of the diameter
-# Of a sharp edge's diffraction, where physical optics has left it out: 1 for a rim of no thickness.
+# Of a sharp edge's diffraction: 1 for a rim of no thickness, less for one that is tapered softly.
 RIM_STRENGTH = 1.0
 _EDGE_SOFTNESS_RAD = np.deg2rad(3.0)  # the specular point fades over about a Fresnel zone
 _RIM_TERMS = [TERMS.index((RIM, order)) for order in ORDERS[RIM]]
@@ -90,8 +90,10 @@ class DishEcho:
         tilt, alpha = self.laid.tilt_rad, self.dish.half_opening_rad
         found = at_tilts(strengths(self._depth_ratio), tilt)
         found[self._behind] = 0
-        # The first polynomial is 1: what does not depend on frequency goes there.
-        found[:, _RIM_TERMS, 0] += self.rim_strength * rim_orders(alpha, tilt)
+        # The table has a sharp rim, and no back. The first polynomial is 1: what does not depend
+        # on frequency goes there.
+        share = self.rim_strength - np.where(self._behind, 0.0, 1.0)
+        found[:, _RIM_TERMS, 0] += share[:, None] * rim_orders(alpha, tilt)
         half_radius = self.dish.sphere_radius_m / self.dish.aperture_radius_m / 2
         facing = 1 / (1 + np.exp((np.pi - tilt - alpha) / _EDGE_SOFTNESS_RAD))
         found[:, TERMS.index((VERTEX, 0)), 0] += np.where(self._behind, half_radius * facing, 0)

