@@ -108,6 +108,7 @@ def sigma_delta(
     forward: npt.NDArray[np.float32],
     feedback: npt.NDArray[np.float32],
     state: npt.NDArray[np.float32],
+    dither: npt.NDArray[np.float32],
     words: npt.NDArray[np.uint32],
 ) -> None:
     """Interpolate audio by ``len(phases)`` and turn it into PDM bits, error feedback form.
@@ -116,11 +117,13 @@ def sigma_delta(
     phases : float32, shape (10, taps), the interpolation filter
     forward, feedback : float32, shape (4,); w[n] = forward . e[n-i] - feedback . w[n-i]
     state : float32, shape (8, 32): four past errors, four past w
+    dither : float32, shape (any, 32), added before the decision, over and over
     words : uint32, shape (num_samples * 10,), written
     """
     num_phases, taps = phases.shape
     lanes = audio.shape[1]
     drive = np.empty(lanes, np.float32)
+    row = 0
     for sample in range(words.size // num_phases):
         for phase in range(num_phases):
             for m in range(lanes):
@@ -142,7 +145,7 @@ def sigma_delta(
                     - feedback[3] * state[7, m]
                 )
                 y = drive[m] + w
-                bit = y >= np.float32(0)
+                bit = y + dither[row, m] >= np.float32(0)
                 error = (np.float32(1) if bit else np.float32(-1)) - y
                 # A real modulator's integrators clip: overload ends when the drive does.
                 error = min(max(error, np.float32(-1.5)), np.float32(1.5))
@@ -156,3 +159,4 @@ def sigma_delta(
                 state[4, m] = w
                 word |= np.uint32(bit) << np.uint32(m)
             words[sample * num_phases + phase] = word
+            row = row + 1 if row + 1 < dither.shape[0] else 0

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 
 import numpy as np
 import numpy.typing as npt
+import scipy.fft
 
 from ertis_driver.audio_filter import TAPS, UNITY
-from ertis_driver.frame import DECIMATION, NUM_MICS
+from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS
 from ertis_simulator.kernels import sigma_delta
 
-NOISE_DBFS_PER_HZ = -101.0  # a real ping: -99 to -104 between 25 and 115 kHz
-GAIN_SPREAD_DB = 1.6  # standard deviation would be half: this is what a real ping spans
-PHASE_SPREAD_RAD = np.deg2rad(10.0)
-# Noise transfer (1 - z^-1)^4 / A(z), Butterworth poles, out-of-band gain 1.5.
-_NTF_ZEROS = np.array([-4.0, 6.0, -4.0, 1.0])
-_NTF_POLES = np.array([-3.194364316, 3.892021388, -2.135836365, 0.444444598])
+# Standard deviations that two echoes of one real ping have in common (docs/validation.md).
+GAIN_SPREAD_DB = 1.0
+PHASE_SPREAD_RAD = np.deg2rad(4.0)
+# Noise transfer B(z) / A(z): two zeros at 0 Hz and two at 115 kHz, Butterworth poles, out-of-band
+# gain 1.55. It is within 4 dB of a real ping from 60 kHz to 2 MHz. Without the zeros at 115 kHz it
+# would be 6 dB too loud at 120 to 160 kHz; a gain of 2.3 alone fits as well, but fails from half of
+# full scale on, where the real microphone does not.
+_NTF_ZEROS = np.array([-3.974272530, 5.948545060, -3.974272530, 1.000000000])
+_NTF_POLES = np.array([-3.117545668, 3.721567585, -2.006177625, 0.410896296])
+# Before the decision, as part of its step; without, silence idles in tones that nobody has seen.
+_DITHER = 0.15
+_DITHER_WORDS = 4093  # before it repeats: 0.9 ms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,15 +45,35 @@ class MicrophoneSet:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> MicrophoneSet:
         """One set from the distribution of a production."""
-        gain_db = rng.uniform(-GAIN_SPREAD_DB / 2, GAIN_SPREAD_DB / 2, NUM_MICS)
-        phase = rng.normal(0, PHASE_SPREAD_RAD / 2, NUM_MICS)
+        gain_db = rng.normal(0, GAIN_SPREAD_DB, NUM_MICS)
+        phase = rng.normal(0, PHASE_SPREAD_RAD, NUM_MICS)
         return cls((10 ** (gain_db / 20) * np.exp(1j * phase)).astype(np.complex64))
+
+
+@cache
+def _noise_table() -> npt.NDArray[np.float64]:
+    text = (resources.files("ertis_simulator") / "data/microphone_noise.csv").read_text()
+    lines = [line for line in text.splitlines() if line[:1].isdigit()]
+    return np.loadtxt(lines, delimiter=",")
+
+
+def noise_density_db(frequency_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Noise before the modulator, dBFS/Hz, from ``data/microphone_noise.csv``; any shape."""
+    table = _noise_table()
+    return np.asarray(np.interp(frequency_hz, table[:, 0], table[:, 1]))
 
 
 def add_noise(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> None:
     """Add the microphones' own noise to ``(32, n)`` audio at 450 kHz, in place."""
-    sigma = 10 ** (NOISE_DBFS_PER_HZ / 20) * np.sqrt(450e3 / 2)
-    pressure += np.float32(sigma) * rng.standard_normal(pressure.shape, dtype=np.float32)
+    num_mics, num_samples = pressure.shape
+    size = scipy.fft.next_fast_len(num_samples, real=True)
+    bins_hz = scipy.fft.rfftfreq(size, 1 / AUDIO_RATE_HZ)
+    # A bin of one-sided density d has the mean square size * rate * d / 2, half of it in each part.
+    scale = np.sqrt(10 ** (noise_density_db(bins_hz) / 10) * size * AUDIO_RATE_HZ / 4)
+    parts = rng.standard_normal((num_mics, 2 * bins_hz.size), dtype=np.float32)
+    parts *= np.repeat(scale, 2).astype(np.float32)
+    noise = scipy.fft.irfft(parts.view(np.complex64), size, axis=1, overwrite_x=True)
+    pressure += noise[:, :num_samples]
 
 
 def to_pdm(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.NDArray[np.uint32]:
@@ -68,6 +98,7 @@ def to_pdm(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.N
     # The centre of the filter falls on the sample, so that audio out is in step with audio in.
     padded[lead - 1 : lead - 1 + pressure.shape[1]] = pressure.T
     words = np.empty(pressure.shape[1] * DECIMATION, np.uint32)
+    dither = rng.random((_DITHER_WORDS, NUM_MICS), np.float32) * 2 - 1
     state = rng.uniform(-0.5, 0.5, (8, NUM_MICS)).astype(np.float32)
     sigma_delta(
         padded,
@@ -75,6 +106,7 @@ def to_pdm(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.N
         (_NTF_ZEROS - _NTF_POLES).astype(np.float32),
         _NTF_POLES.astype(np.float32),
         state,
+        np.float32(_DITHER) * dither,
         words,
     )
     return words
@@ -88,3 +120,20 @@ def corrupt_half_words(
     low_next = (words[positions + 1] & np.uint32(0xFFFF)) << np.uint32(16)
     words[positions] = (words[positions] & np.uint32(0xFFFF)) | low_next
     words[0] = (words[1] & np.uint32(0xFFFF)) * np.uint32(0x10001)  # start-up garbage
+
+
+def kill_microphones(words: npt.NDArray[np.uint32], rows: Iterable[int]) -> None:
+    """Rest the data lines of dead microphones, in place: even rows low, odd rows high.
+
+    Parameters
+    ----------
+    words : uint32, shape (num_words,)
+    rows
+        Rows of ``mic_positions_m``, 0 to 31.
+    """
+    for row in rows:
+        bit = np.uint32(1 << row)
+        if row % 2:
+            words |= bit
+        else:
+            words &= ~bit

@@ -19,7 +19,7 @@ from ertis_detector.piston import piston_pattern
 from ertis_driver.frame import AUDIO_RATE_HZ
 from ertis_simulator.echoes import Echoes, Response
 from ertis_simulator.kernels import KERNEL_TAPS, place_echoes
-from ertis_simulator.transducer import AMPLITUDE_AT_1M, sensor_response
+from ertis_simulator.transducer import AMPLITUDE_AT_1M, SensorResponse, shipped_response
 
 BAND_HZ = (10e3, 115e3)
 _DECIMATION = 3  # 450 to 150 kHz, complex
@@ -73,7 +73,11 @@ def spectra(
 
 
 def _coefficients(
-    echoes: Echoes, air: Air, chirp: npt.NDArray[np.float64], fft_size: int
+    echoes: Echoes,
+    air: Air,
+    chirp: npt.NDArray[np.float64],
+    sensor: SensorResponse,
+    fft_size: int,
 ) -> npt.NDArray[np.float64]:
     """Polynomials of each echo's spectrum, shape (num_echoes, _BASIS).
 
@@ -83,7 +87,7 @@ def _coefficients(
     nodes = np.linspace(*BAND_HZ, 48)
     grid_hz = np.fft.rfftfreq(fft_size, 1 / AUDIO_RATE_HZ)
     emitted = np.abs(scipy.fft.rfft(chirp, fft_size))
-    trust = np.interp(nodes, grid_hz, emitted) * sensor_response(nodes)
+    trust = np.interp(nodes, grid_hz, emitted) * sensor.amplitude(nodes)
     trust = np.maximum(trust / max(float(trust.max()), 1e-12), 1e-3)
     inverse = np.linalg.pinv(_polynomials(nodes) * trust[:, None])
     return np.asarray(spectra(echoes, air, nodes) @ (inverse * trust).T)
@@ -138,6 +142,7 @@ def render(
     chirp: npt.NDArray[np.float64],
     num_samples: int,
     mic_response: npt.NDArray[np.complex64],
+    sensor: SensorResponse | None = None,
 ) -> npt.NDArray[np.float32]:
     """Pressure at the microphones, full scale 1, without noise.
 
@@ -151,6 +156,8 @@ def render(
     num_samples : int
         Audio samples wanted.
     mic_response : complex64, shape (num_mics,)
+    sensor : SensorResponse, optional
+        Of transducer and microphones; the shipped one unless given.
 
     Returns
     -------
@@ -163,7 +170,8 @@ def render(
     carrier_bin = round(sum(BAND_HZ) / 2 / spacing)
     carrier_hz = carrier_bin * spacing
 
-    coefficients = _coefficients(echoes, air, chirp, fft_size)
+    sensor = sensor or shipped_response()
+    coefficients = _coefficients(echoes, air, chirp, sensor, fft_size)
     delay_s = echoes.path_m / air.speed_of_sound_m_s
     # What arrives after the frame is not heard; its tail must not wrap to the start either.
     gain = np.where(delay_s < num_samples / AUDIO_RATE_HZ, echoes.gain, 0.0)
@@ -180,7 +188,7 @@ def render(
     bins = np.arange(first, int(BAND_HZ[1] / spacing) + 1)
     frequency_hz = np.asarray(bins * spacing, np.float64)
     heard = scipy.fft.fft(trains, axis=2)[:, :, bins - carrier_bin]
-    emitted = scipy.fft.rfft(chirp, fft_size)[bins] * sensor_response(frequency_hz)
+    emitted = scipy.fft.rfft(chirp, fft_size)[bins] * sensor.amplitude(frequency_hz)
     shape = (_polynomials(frequency_hz) * emitted[:, None]).astype(np.complex64)
     # The trains run at a third of the rate, so their spectrum is a third as large.
     band = np.einsum("mkf,fk->mf", heard, shape) * mic_response[:, None]

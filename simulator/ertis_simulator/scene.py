@@ -17,7 +17,7 @@ from ertis_simulator.landmark import Dish, dish_echoes
 from ertis_simulator.microphone import MicrophoneSet, add_noise, corrupt_half_words, to_pdm
 from ertis_simulator.propagation import render
 from ertis_simulator.room import Room
-from ertis_simulator.transducer import RING_DOWN_DB_PER_MS, RING_DOWN_S, RING_DOWN_START_DB
+from ertis_simulator.transducer import SensorResponse, direct_path, shipped_response
 
 FloatArray = npt.NDArray[np.float64]
 VISIBLE_TILT_RAD = np.deg2rad(35.0)  # beyond it only rim and vertex are left: "limiting angle"
@@ -83,6 +83,8 @@ class Scene:
         Of the sonar; ping ``n`` is heard ``n * ping_period_s`` after the start.
     seed : int
         Of all that is random: noise, ring-down, microphones.
+    sensor : SensorResponse
+        Of transducer and microphones; the shipped one unless a calibration is given.
     """
 
     room: Room
@@ -95,6 +97,7 @@ class Scene:
     ping_period_s: float = 0.2
     seed: int = 0
     name: str = "scene"
+    sensor: SensorResponse = field(default_factory=shipped_response)
 
     def pose(self, ping_index: int) -> Pose:
         """Where the sonar is at one ping."""
@@ -158,7 +161,9 @@ class Scene:
         num_samples = -(-num_words // DECIMATION)
         pressure = np.zeros((NUM_MICS, num_samples), np.float32)
         if chirp is not None:
-            pressure += render(self.echoes(ping_index), self.air, chirp, num_samples, mics.response)
+            pressure += render(
+                self.echoes(ping_index), self.air, chirp, num_samples, mics.response, self.sensor
+            )
         add_noise(pressure, rng)
         words = to_pdm(pressure, rng)[:num_words]
         corrupt_half_words(words, mics.half_words_per_frame * num_words / 163_840, rng)
@@ -168,7 +173,8 @@ class Scene:
         """Every way from emitter to microphones at one ping."""
         pose = self.pose(ping_index)
         emitter, mics = np.array(EMITTER_POSITION_M), mic_positions_m()
-        parts = [self._direct_path(emitter, mics)]
+        rng = np.random.default_rng([self.seed, 2**33])
+        parts = [direct_path(emitter, mics, self.air.speed_of_sound_m_s, rng)]
         parts.extend(self.room.echoes(pose.to_sensor, pose.turn, emitter, mics))
         if self.clutter.positions_m.size:
             at = pose.to_sensor(self.clutter.positions_m)
@@ -212,23 +218,6 @@ class Scene:
                     )
                 )
         return parts
-
-    def _direct_path(self, emitter: FloatArray, mics: FloatArray) -> Echoes:
-        """Leak straight across the front, and ring down after it."""
-        rng = np.random.default_rng([self.seed, 2**33])
-        across = np.linalg.norm(mics - emitter, axis=1)
-        count = 160
-        delay_s = np.sort(rng.uniform(0.0, RING_DOWN_S, count))
-        level_db = RING_DOWN_START_DB - RING_DOWN_DB_PER_MS * delay_s * 1e3
-        strength = rng.normal(size=(count, NUM_MICS)) / across * 10 ** (level_db[:, None] / 20)
-        strength *= np.sqrt(1.0 / count) * 3.0
-        path = across + delay_s[:, None] * self.air.speed_of_sound_m_s
-        return Echoes.join(
-            [
-                Echoes.of(across, 1 / across, sin_emission=1.0),
-                Echoes.of(path, strength, sin_emission=1.0),
-            ]
-        )
 
 
 def _sin_off_axis(direction: FloatArray) -> float:

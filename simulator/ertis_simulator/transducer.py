@@ -1,31 +1,147 @@
-"""The emitter: response on axis (with the microphones'), loudness, ring-down."""
+"""The emitter: response on axis (with the microphones'), loudness, direct path, ring-down."""
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-# Amplitude (full scale = 1) at 1 m on axis at 50 kHz. With it a wall at 3.2 m returns -22 dBFS and
-# the direct path reaches about full scale, both as in the one real ping.
-AMPLITUDE_AT_1M = 1.0
-# After the chirp the housing rings: 14 dB under the direct path, then 7.5 dB/ms down (real ping).
-RING_DOWN_START_DB = -16.0
-RING_DOWN_DB_PER_MS = 7.5
-RING_DOWN_S = 8e-3
+from ertis_detector.piston import PISTON_RADIUS_M
+from ertis_simulator.echoes import Echoes
+from ertis_simulator.errors import SceneError
+
+FloatArray = npt.NDArray[np.float64]
+
+# Amplitude (full scale = 1) at 1 m on axis at 50 kHz: with it the direct path of a piston has the
+# level of the real one at 46 kHz, where the real chirp is strong (docs/validation.md).
+AMPLITUDE_AT_1M = 1.33
+MAX_RESPONSE_BYTES = 1_000_000
+
+# After the direct path the housing rings, falling fast for 1 ms, then slowly: energy per ms against
+# AMPLITUDE_AT_1M at the distance of 1 m, at 50 kHz, read off one real ping. It is stronger at low
+# frequencies than the response on axis says.
+RING_DOWN = ((2.0, 26.0), (-14.0, 7.7))  # (dB at its beginning, dB/ms down)
+RING_DOWN_EXPONENT = -2.2
+RING_DOWN_S = 7e-3
+_RING_DOWN_TAPS = 400
+_REFERENCE_K = 2 * np.pi * 50e3 / 343.0
+_PISTON_RINGS = 8  # 1.6 mm apart: under half a wavelength up to 100 kHz
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorResponse:
+    """Response of transducer and microphones together, on axis.
+
+    frequency_hz : float64, shape (n,)
+        Rising.
+    level_db : float64, shape (n,)
+        Against ``AMPLITUDE_AT_1M``; the shipped one is 0 at 50 kHz.
+    """
+
+    frequency_hz: FloatArray
+    level_db: FloatArray
+
+    def amplitude(self, frequency_hz: FloatArray) -> FloatArray:
+        """Amplitude at frequencies of any shape, interpolated in dB, constant outside."""
+        return np.asarray(10 ** (np.interp(frequency_hz, self.frequency_hz, self.level_db) / 20))
+
+    @classmethod
+    def read(cls, path: Path) -> SensorResponse:
+        """A calibration: CSV with columns ``frequency_hz,level_db``; ``#`` begins a comment.
+
+        Raises
+        ------
+        SceneError
+            If the file cannot be read or holds no such table.
+        """
+        try:
+            if path.stat().st_size > MAX_RESPONSE_BYTES:
+                raise SceneError(
+                    f"{path}: larger than {MAX_RESPONSE_BYTES} bytes: that is no sensor response"
+                )
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "is not text"
+            raise SceneError(f"sensor response {path}: {reason}") from error
+        return cls._parse(text, str(path))
+
+    @classmethod
+    def _parse(cls, text: str, name: str) -> SensorResponse:
+        lines = [line.split("#")[0].strip() for line in text.splitlines()]
+        rows = [line for line in lines if line and line.replace(" ", "") != _HEADER]
+        try:
+            table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+        except ValueError as error:
+            raise SceneError(f"{name}: {error}, expected rows like 50000,0 under {_HEADER}") from (
+                error
+            )
+        if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
+            raise SceneError(f"{name}: met shape {table.shape}, expected two rows or more of two")
+        if not np.isfinite(table).all() or np.any(np.diff(table[:, 0]) <= 0) or table[0, 0] < 0:
+            raise SceneError(f"{name}: expected finite numbers, frequencies rising from 0 Hz on")
+        return cls(table[:, 0], table[:, 1])
+
+
+_HEADER = "frequency_hz,level_db"
 
 
 @cache
-def _response_table() -> npt.NDArray[np.float64]:
-    text = (resources.files("ertis_simulator") / "data/sensor_response.csv").read_text()
-    lines = [line for line in text.splitlines() if line[:1].isdigit()]
-    return np.loadtxt(lines, delimiter=",")
+def shipped_response() -> SensorResponse:
+    """The response in ``data/sensor_response.csv``, which names its sources."""
+    file = resources.files("ertis_simulator") / "data/sensor_response.csv"
+    return SensorResponse._parse(file.read_text(encoding="utf-8"), file.name)
 
 
-def sensor_response(frequency_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Amplitude of transducer and microphones on axis, 1 at 50 kHz; any shape, Hz in."""
-    table = _response_table()
-    level_db = np.interp(frequency_hz, table[:, 0], table[:, 1])
-    return np.asarray(10 ** (level_db / 20))
+def direct_path(
+    emitter_m: FloatArray, mics_m: FloatArray, speed_of_sound_m_s: float, rng: np.random.Generator
+) -> Echoes:
+    """Sound straight from the emitter to microphones in the same baffle, and the housing's ringing.
+
+    The field of a piston in its own plane is the Rayleigh integral over its face, here as a sum
+    over points nearer to each other than half a wavelength: nothing in it is fitted.
+
+    Parameters
+    ----------
+    emitter_m, mics_m : shape (3,) and (num_mics, 3)
+    speed_of_sound_m_s : float
+    rng
+        Of the ringing.
+    """
+    points, weights = _piston_points()
+    to_mics = np.linalg.norm(emitter_m + points[:, None, :] - mics_m[None], axis=2)
+    across = np.linalg.norm(mics_m - emitter_m, axis=1)
+    piston = Echoes.of(to_mics, weights[:, None] / to_mics)
+    return Echoes.join([piston, _ringing(across, speed_of_sound_m_s, rng)])
+
+
+def _piston_points() -> tuple[FloatArray, FloatArray]:
+    """Points on the piston's face, shape (n, 3), and the share of the area each stands for."""
+    edges = np.linspace(0, PISTON_RADIUS_M, _PISTON_RINGS + 1)
+    points, weights = [], []
+    for ring, (inner, outer) in enumerate(itertools.pairwise(edges)):
+        radius = 2 / 3 * (outer**3 - inner**3) / (outer**2 - inner**2)
+        count = round(2 * np.pi * radius / edges[1])
+        angle = 2 * np.pi * (np.arange(count) + 0.5 * (ring % 2)) / count
+        points.append(
+            np.column_stack([np.zeros(count), radius * np.cos(angle), radius * np.sin(angle)])
+        )
+        weights.append(np.full(count, (outer**2 - inner**2) / PISTON_RADIUS_M**2 / count))
+    return np.concatenate(points), np.concatenate(weights)
+
+
+def _ringing(across_m: FloatArray, speed_of_sound_m_s: float, rng: np.random.Generator) -> Echoes:
+    """Random taps, denser at first, whose energy falls as ``RING_DOWN`` says."""
+    late_s = np.sort(RING_DOWN_S * rng.random(_RING_DOWN_TAPS) ** 2)
+    taps_per_ms = _RING_DOWN_TAPS / (2 * np.sqrt(RING_DOWN_S * late_s)) / 1e3
+    energy_per_ms = sum(10 ** ((start - slope * late_s * 1e3) / 10) for start, slope in RING_DOWN)
+    strength = np.sqrt(energy_per_ms / taps_per_ms) * _REFERENCE_K**-RING_DOWN_EXPONENT
+    return Echoes.of(
+        across_m + late_s[:, None] * speed_of_sound_m_s,
+        rng.normal(size=(_RING_DOWN_TAPS, across_m.size)) * strength[:, None],
+        exponent=RING_DOWN_EXPONENT,
+    )

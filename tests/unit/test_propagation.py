@@ -10,7 +10,7 @@ from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.landmark import Dish, dish_echoes
 from ertis_simulator.propagation import render
-from ertis_simulator.transducer import AMPLITUDE_AT_1M, sensor_response
+from ertis_simulator.transducer import AMPLITUDE_AT_1M, shipped_response
 
 RATE_HZ, NUM_SAMPLES = 450e3, 16_384
 AIR = Air(20.0, 50.0)
@@ -28,12 +28,13 @@ def rendered(echoes, air=AIR, mics=IDEAL):
     return render(echoes, air, CHIRP, NUM_SAMPLES, mics)
 
 
-def exact(path_m, gain, exponent=0.0, sin_emission=0.0, roughness_m=0.0, air=AIR):
+def exact(path_m, gain, exponent=0.0, sin_emission=0.0, roughness_m=0.0, air=AIR, sensor=None):
     """One echo computed frequency by frequency, in float64, with room against wrap-around."""
+    sensor = sensor or shipped_response()
     size = 1 << 16
     frequency_hz = np.fft.rfftfreq(size, 1 / RATE_HZ)[1:-1]
     k = 2 * np.pi * frequency_hz / air.speed_of_sound_m_s
-    spectrum = np.fft.rfft(CHIRP, size)[1:-1] * sensor_response(frequency_hz) * AMPLITUDE_AT_1M
+    spectrum = np.fft.rfft(CHIRP, size)[1:-1] * sensor.amplitude(frequency_hz) * AMPLITUDE_AT_1M
     spectrum = spectrum * k**exponent * piston_pattern(k, np.array(sin_emission))
     spectrum *= np.exp(-2 * (k * roughness_m) ** 2)
     spectrum *= 10 ** (-air.absorption_db_m(frequency_hz) * path_m.mean() / 20)
