@@ -27,6 +27,7 @@ _NTF_POLES = np.array([-3.117545668, 3.721567585, -2.006177625, 0.410896296])
 # Before the decision, as part of its step; without, silence idles in tones that nobody has seen.
 _DITHER = 0.15
 _DITHER_WORDS = 4093  # before it repeats: 0.9 ms
+_WARM_UP = 32  # audio samples: modulators run before the first word; 71 us settle any start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,10 +95,12 @@ def to_pdm(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.N
     prototype = (TAPS / UNITY * DECIMATION).astype(np.float32)
     phases = np.ascontiguousarray(prototype.reshape(taps, DECIMATION).T[:, ::-1])
     lead = taps // 2
-    padded = np.zeros((pressure.shape[1] + taps - 1, NUM_MICS), np.float32)
+    num_samples = _WARM_UP + pressure.shape[1]
+    padded = np.zeros((num_samples + taps - 1, NUM_MICS), np.float32)
     # The centre of the filter falls on the sample, so that audio out is in step with audio in.
-    padded[lead - 1 : lead - 1 + pressure.shape[1]] = pressure.T
-    words = np.empty(pressure.shape[1] * DECIMATION, np.uint32)
+    first = _WARM_UP + lead - 1
+    padded[first : first + pressure.shape[1]] = pressure.T
+    words = np.empty(num_samples * DECIMATION, np.uint32)
     dither = rng.random((_DITHER_WORDS, NUM_MICS), np.float32) * 2 - 1
     state = rng.uniform(-0.5, 0.5, (8, NUM_MICS)).astype(np.float32)
     sigma_delta(
@@ -109,7 +112,7 @@ def to_pdm(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.N
         np.float32(_DITHER) * dither,
         words,
     )
-    return words
+    return words[_WARM_UP * DECIMATION :]
 
 
 def corrupt_half_words(

@@ -8,7 +8,12 @@ from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.errors import SceneError
 from ertis_simulator.propagation import render
-from ertis_simulator.transducer import SensorResponse, direct_path, shipped_response
+from ertis_simulator.transducer import (
+    DIRECT_PATH_DB,
+    SensorResponse,
+    direct_path,
+    shipped_response,
+)
 
 C_M_S = 343.2
 EMITTER, MICS = np.array(EMITTER_POSITION_M), mic_positions_m()
@@ -22,11 +27,10 @@ def piston_on_axis(wavenumber, distance_m):
 
 
 def field(echoes, wavenumber):
-    """Sum of the piston's points at one frequency, shape (num_mics,)."""
-    piston = echoes.exponent == 0
-    return np.sum(
-        echoes.gain * np.exp(-1j * wavenumber * echoes.path_m), axis=0, where=piston[:, None]
-    )
+    """Sum of the piston's points at one frequency, shape (num_mics,), as in an endless baffle."""
+    piston = (echoes.exponent == 0)[:, None]
+    waves = echoes.gain * np.exp(-1j * wavenumber * echoes.path_m)
+    return np.sum(waves, axis=0, where=piston) / 10 ** (DIRECT_PATH_DB / 20)
 
 
 @pytest.mark.parametrize("frequency_hz", [20e3, 50e3, 80e3])

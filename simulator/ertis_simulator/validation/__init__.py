@@ -1,0 +1,1 @@
+"""The simulator checked like an instrument: against physics nobody tuned, and one real ping."""
