@@ -1,7 +1,7 @@
 """What PDM bits alone tell: stuck lines, runs of equal bits, two lines that are one.
 
 A sigma-delta modulator never rests: in silence its longest run is 5 words. Runs grow with level,
-to 9 words at 0.6 of full scale, 16 at 0.8 to 0.9, more than 20 where it clips.
+to 11 words at 0.6 of full scale, 16 at 0.8 to 0.9, more than 20 where it clips.
 """
 
 from __future__ import annotations

@@ -44,10 +44,14 @@ def as_row(check: Check) -> str:
     """The check as a row of a Markdown table under ``HEADER``."""
     cells = [
         check.what,
-        f"{check.expected:.4g} {check.unit}",
-        f"{check.found:.4g} {check.unit}",
+        f"{_rounded(check.expected)} {check.unit}",
+        f"{_rounded(check.found)} {check.unit}",
         f"{check.difference:+.2g}",
         f"{check.allowed:.2g}" + ("" if check.agrees else " **exceeded**"),
         check.source,
     ]
     return "| " + " | ".join(cells) + " |"
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.5g}" if abs(value) >= 100 else f"{value:.4g}"

@@ -177,7 +177,7 @@ def ping(path: Path, real: PingFigures, simulated: PingFigures, num_seeds: int) 
             axes[0, 1].plot(SHAPE_HZ / 1e3, shape.mean(axis=0), color=colour, lw=1.8, label=label)
             axes[0, 1].plot(SHAPE_HZ / 1e3, shape.T, color=colour, lw=0.7, alpha=0.6)
         axes[0, 0].set(
-            title="Level from 20 to 60 kHz: median, and middle 80 % of 32 microphones",
+            title="Level, 20 to 60 kHz: median, middle 80 % of microphones",
             xlabel="ms after word 0",
             ylabel="dBFS (RMS of 0.25 ms)",
         )
