@@ -78,6 +78,13 @@ def test_a_nearly_closed_shell_has_the_spheres_near_field():
     assert echo == pytest.approx(sphere_near_amplitude(6.0, 3.0, 2.0, np.deg2rad(30.0)), abs=2e-3)
 
 
+def test_the_dish_throws_the_shadow_of_its_aperture():
+    """Forward scattering of a large screen is ``i k area / (2 pi)``, from either side."""
+    dish = Screen.build(CapMeridian.landmark(), 40.0)
+    for source, mic in ((0.0, np.pi), (np.pi, 0.0)):
+        assert dish.amplitude(source, mic) == pytest.approx(40j / 2, rel=0.1)
+
+
 @pytest.mark.parametrize("tilt_deg", [0.0, 35.0])
 def test_the_dish_takes_from_the_wave_what_it_scatters(tilt_deg):
     ka, tilt = 9.0, np.deg2rad(tilt_deg)

@@ -42,6 +42,16 @@ def test_the_stored_echoes_come_out_again(table, ka):
     assert np.abs(again - column).max() < 2e-5 * np.abs(column).max()
 
 
+def test_a_table_comes_back_from_its_file(tmp_path):
+    made = ReferenceTable.compute(np.array([2.0, 2.5]), Views.of([0.0, 0.3], 0.1, across=True))
+    made.save(tmp_path / "small.npz")
+    read = ReferenceTable.load(tmp_path / "small.npz")
+    assert (read.amplitude == made.amplitude).all()
+    assert (read.ka == made.ka).all()
+    assert (read.views.azimuth_rad == made.views.azimuth_rad).all()
+    assert np.isinf(read.views.range_r).all()
+
+
 def test_every_view_is_where_the_table_says(table):
     _, stored = table.monostatic()
     near = Views.of(table.views.bisector_tilt_rad[-1:], range_r=table.views.range_r[-1])

@@ -127,7 +127,7 @@ class ReferenceTable:
 
     @classmethod
     def compute(cls, ka: FloatArray, views: Views) -> ReferenceTable:
-        """Solve at every ``ka``: the stored table took 23 minutes of a core shared by three."""
+        """Solve at every ``ka``: some 12 minutes of one core for the stored table."""
         columns, begun = [], time.monotonic()
         for index, value in enumerate(ka):
             columns.append(views.amplitude(float(value)))
