@@ -83,12 +83,14 @@ def test_two_landmarks_are_two_detections_most_probable_first(detector):
     assert best == sorted(best, reverse=True)
 
 
-def test_a_room_with_only_far_clutter_reports_none(detector):
+def test_far_clutter_is_seldom_taken_for_a_landmark(detector):
     rng = np.random.default_rng(4)
-    for ping in range(3):
+    reports = 0
+    for ping in range(12):
         clutter = Clutter.scatter((4.0, 5.5), (-2.5, 2.5), 8.0, rng)
         assert clutter.positions_m.size
-        assert detector.detect(audio_of(scene(clutter=clutter), ping)) == []
+        reports += len(detector.detect(audio_of(scene(clutter=clutter), ping)))
+    assert reports <= 3  # its card says 0.12 false alarms a ping
 
 
 def test_an_empty_room_reports_none(detector):

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 HEALTHY, WITH_FINDINGS = 0, 3
 MAX_PINGS = 10_000
 _WHO = {"live": "", "replay": ", a replayed recording", "sim": ", simulated"}
+_NAMED_ROWS = 16
 _MARKS = {"ok": ".", "stuck": "S", "interrupted": "I", "silent": "0", "twin": "=", "weak": "w"}
 _MARKS["noisy"] = "N"
 
@@ -195,8 +196,10 @@ def _saturated(probe: Probe) -> str:
     if not clipped:
         return "none"
     longest, last = max(c.saturated_s for c in clipped), max(c.saturated_until_s for c in clipped)
+    # All 32 in a row would be longer than a line; the JSON has each of them.
     rows = ", ".join(str(channel.row) for channel in clipped)
-    return f"{rows}: up to {longest * 1e6:.0f} us, until {last * 1e3:.2f} ms"
+    named = rows if len(clipped) <= _NAMED_ROWS else f"{len(clipped)} microphones"
+    return f"{named}: up to {longest * 1e6:.0f} us, until {last * 1e3:.2f} ms"
 
 
 def _half_words(probe: Probe) -> str:
