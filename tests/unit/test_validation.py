@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from ertis_simulator.errors import SceneError
 from ertis_simulator.validation import air_checks, pdm_checks, wave_checks
 from ertis_simulator.validation.check import Check, as_row
 from ertis_simulator.validation.measure import bits, density, in_bands, run_shares
-from ertis_simulator.validation.page import fill, rows_table
+from ertis_simulator.validation.page import checks_table, fill, rows_table
 from ertis_simulator.validation.real_ping import Row, compare, figures, pooled
 from ertis_simulator.validation.twin import ECHOES, twin
 
@@ -132,3 +133,11 @@ def test_validate_rewrites_a_page_draws_and_succeeds(tmp_path, capsys):
     (drawn,) = (tmp_path / "img").iterdir()
     assert drawn.name == "validation_chain.png"
     assert 20_000 < drawn.stat().st_size < 300_000
+
+
+def test_the_page_tells_todays_figures(waves):
+    page = (Path(__file__).parents[2] / "docs/validation.md").read_text(encoding="utf-8")
+    assert fill(page, "air", checks_table(air_checks.checks())) == page
+    for check in waves:
+        assert f"| {check.what} |" in page
+    assert "exceeded" not in page
