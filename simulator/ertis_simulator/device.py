@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,15 @@ from ertis_simulator.errors import SceneError
 from ertis_simulator.scene import Scene
 from ertis_simulator.scene_file import load_scene
 
+_LOOK_AHEAD = 2  # pings computed while the one before is used: a core each
+
 
 class SimulatedSonar(Closing):
-    """A sonar in a scene. Pings as fast as they can be computed, never faster than a real one."""
+    """A sonar in a scene. Pings as fast as they can be computed, never faster than a real one.
+
+    What the next pings will sound like is known beforehand, so they are computed on other cores in
+    the meantime; the frames are the same ones.
+    """
 
     is_live = False
 
@@ -30,6 +37,8 @@ class SimulatedSonar(Closing):
         self._settings: Settings | None = None
         self._index = 0
         self._ready_at = 0.0
+        self._pool: ThreadPoolExecutor | None = None
+        self._coming: dict[tuple[int, bool], Future[npt.NDArray[np.uint32]]] = {}
         self.info = DeviceInfo(address, "sim")
 
     @property
@@ -46,6 +55,7 @@ class SimulatedSonar(Closing):
             For an external trigger, the audible clock, or several emissions: not simulated.
         """
         self._settings = None
+        self._forget()
         asked = {
             "external_trigger": settings.external_trigger is not None,
             "pdm_rate_hz": settings.pdm_rate_hz != PDM_RATE_HZ,
@@ -71,11 +81,27 @@ class SimulatedSonar(Closing):
         time.sleep(max(self._ready_at - time.monotonic(), 0.0))
         self._ready_at = time.monotonic() + listening_s
         started_ns = time.time_ns()
-        chirp = self._settings.chirp.samples(AUDIO_RATE_HZ) if active else None
-        words = self._scene.hear(self._index, self._settings.num_words, chirp)
-        frame = PdmFrame(words, self._index, started_ns, 0, active)
+        frame = PdmFrame(self._hear(self._settings, active), self._index, started_ns, 0, active)
         self._index += 1
         return frame
+
+    def _hear(self, settings: Settings, active: bool) -> npt.NDArray[np.uint32]:
+        chirp = settings.chirp.samples(AUDIO_RATE_HZ) if active else None
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(_LOOK_AHEAD, "scene")
+        for index in range(self._index, self._index + 1 + _LOOK_AHEAD):
+            if (index, active) not in self._coming:
+                self._coming[index, active] = self._pool.submit(
+                    self._scene.hear, index, settings.num_words, chirp
+                )
+        words = self._coming.pop((self._index, active))
+        self._coming = {key: coming for key, coming in self._coming.items() if key[1] == active}
+        return words.result()
+
+    def _forget(self) -> None:
+        for coming in self._coming.values():
+            coming.cancel()
+        self._coming.clear()
 
     def wait_frame(self, timeout_s: float) -> PdmFrame:
         """Refuse: a scene has no trigger pin.
@@ -87,7 +113,12 @@ class SimulatedSonar(Closing):
         raise NotConfigured("simulated sonar: it has no external trigger; ping it")
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Stop computing; may be called twice."""
+        self._forget()
+        self._settings = None
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
 
 
 def open_sim(path: str) -> SimulatedSonar:

@@ -1,4 +1,4 @@
-"""A room: floor and walls as specular, slightly rough reflectors (image sources)."""
+"""A room: floor and walls as specular, slightly rough reflectors, and a weak diffuse field."""
 
 from __future__ import annotations
 
@@ -9,9 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ertis_simulator.echoes import Echoes
+from ertis_simulator.points import REFERENCE_K
 
 FloatArray = npt.NDArray[np.float64]
 _Map = Callable[[FloatArray], FloatArray]
+
+HEIGHT_M = 3.0  # assumed: the ceiling is only in the diffuse field
+# Of the energy of a piston of 13 mm at 50 kHz, D**2 over all directions: 1 / (k a)**2.
+_BEAM_SHARE = 1 / (REFERENCE_K * 0.013) ** 2
+_DIFFUSE_ARRIVALS = 160
+_DIFFUSE_START_M, _DIFFUSE_STOP_M = 2.0, 13.0  # path lengths: 36 ms of listening
+_SCATTER_M = 0.02  # some wavelengths: the field differs from microphone to microphone
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +32,8 @@ class Room:
         Amplitude kept at a bounce; 0 for none.
     wall_roughness_m, floor_roughness_m : float
         RMS height of the surface: assumed.
+    diffuse : float
+        Amplitude of the reverberation against the ideal diffuse field of the room: assumed.
     """
 
     x_m: tuple[float, float] = (-2.0, 5.0)
@@ -32,6 +42,7 @@ class Room:
     floor_reflection: float = 0.7
     wall_roughness_m: float = 0.3e-3
     floor_roughness_m: float = 0.5e-3
+    diffuse: float = 0.3
 
     def planes(self) -> list[tuple[FloatArray, FloatArray]]:
         """Point and inward normal of each wall, world frame."""
@@ -98,3 +109,26 @@ class Room:
                 )
             )
         return heard
+
+    def reverberation(self, num_mics: int, rng: np.random.Generator) -> Echoes | None:
+        """Sound that has met many things, from everywhere; none in a room without end.
+
+        In the ideal diffuse field, image sources arrive at 4 pi c^3 t^2 / V a second, each with
+        1 / (c t): together 4 pi c / V a second of squared amplitude re 1 m, of which the emitter's
+        beam gives its share and each mean free path (4 V / S) keeps the walls' reflection.
+        """
+        wide, deep = self.x_m[1] - self.x_m[0], self.y_m[1] - self.y_m[0]
+        if self.diffuse == 0 or not np.isfinite(wide * deep):
+            return None
+        volume = wide * deep * HEIGHT_M
+        free_path = 4 * volume / (2 * (wide * deep + (wide + deep) * HEIGHT_M))
+        path = rng.uniform(_DIFFUSE_START_M, _DIFFUSE_STOP_M, _DIFFUSE_ARRIVALS)
+        spacing = (_DIFFUSE_STOP_M - _DIFFUSE_START_M) / _DIFFUSE_ARRIVALS
+        kept = self.wall_reflection ** (path / free_path)
+        rms = self.diffuse * np.sqrt(4 * np.pi / volume * _BEAM_SHARE * spacing) * kept
+        shape = (_DIFFUSE_ARRIVALS, num_mics)
+        return Echoes.of(
+            path[:, None] + rng.normal(0, _SCATTER_M, shape),
+            REFERENCE_K * rms[:, None] * rng.standard_normal(shape),
+            exponent=-1.0,  # the beam narrows as k, its share of the energy as k squared
+        )

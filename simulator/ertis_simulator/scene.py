@@ -13,64 +13,26 @@ from ertis_driver.frame import DECIMATION, NUM_MICS
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.clutter import Clutter
 from ertis_simulator.echoes import Echoes
-from ertis_simulator.landmark import Dish, dish_echoes
-from ertis_simulator.microphone import MicrophoneSet, add_noise, corrupt_half_words, to_pdm
+from ertis_simulator.landmark import dish_echoes
+from ertis_simulator.microphone import (
+    MicrophoneSet,
+    add_noise,
+    corrupt_half_words,
+    kill_microphones,
+    to_pdm,
+)
+from ertis_simulator.noise_sources import NoiseSource, add_sources
+from ertis_simulator.objects import DishObject, Thing, stand_for
+from ertis_simulator.occlusion import Blocker, clear_part
+from ertis_simulator.path import Path, Pose
 from ertis_simulator.propagation import render
 from ertis_simulator.room import Room
 from ertis_simulator.transducer import SensorResponse, direct_path, shipped_response
+from ertis_simulator.truth import fragment_span, own_to_rest_db, seen_dish, seen_thing
+
+__all__ = ["DishObject", "Pose", "Scene"]
 
 FloatArray = npt.NDArray[np.float64]
-VISIBLE_TILT_RAD = np.deg2rad(35.0)  # beyond it only rim and vertex are left: "limiting angle"
-VISIBLE_RANGE_M = 0.6  # nearer, the ring-down covers it
-VISIBLE_AZIMUTH_RAD = np.deg2rad(25.0)  # the emitter's beam has its first null at 19 (50 kHz)
-
-
-@dataclass(frozen=True, slots=True)
-class DishObject:
-    """A dish standing in the scene.
-
-    label : str
-        ``r48`` and so on for a landmark; any other word for a decoy, such as ``bowl``.
-    vertex_m : (x, y, z)
-        Deepest point of the concave face, world frame.
-    facing_rad : (azimuth, elevation)
-        Where the opening looks, world frame.
-    """
-
-    label: str
-    dish: Dish
-    vertex_m: tuple[float, float, float]
-    facing_rad: tuple[float, float]
-    is_landmark: bool = True
-
-    @property
-    def axis(self) -> FloatArray:
-        """Unit vector out of the opening, shape (3,)."""
-        azimuth, elevation = self.facing_rad
-        return np.array(
-            [
-                np.cos(elevation) * np.cos(azimuth),
-                np.cos(elevation) * np.sin(azimuth),
-                np.sin(elevation),
-            ]
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """Where the sonar is: position (m, world frame) and heading (rad, + left)."""
-
-    position_m: tuple[float, float, float]
-    yaw_rad: float
-
-    def to_sensor(self, points_m: FloatArray) -> FloatArray:
-        """World points, shape (..., 3), in the sensor frame."""
-        return self.turn(points_m - np.asarray(self.position_m))
-
-    def turn(self, vectors: FloatArray) -> FloatArray:
-        """World directions, shape (..., 3), in the sensor frame."""
-        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        return np.asarray(vectors @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +41,16 @@ class Scene:
 
     Motion during a ping is ignored: at 1 m/s the sonar moves 3.6 cm while it listens.
 
+    things : tuple of Thing
+        Named objects other than dishes; those with a footprint shadow the dishes behind them.
+        Only dishes are shadowed: walls and clutter shine through.
+    stands : bool
+        Landmarks stand on rods.
     velocity_m_s, yaw_rate_rad_s
         Of the sonar; ping ``n`` is heard ``n * ping_period_s`` after the start.
+    path : Path or None
+        Of the sonar, in place of start, velocity and turn; its height is that of the start.
+    dead_mics : microphones whose bit is stuck
     seed : int
         Of all that is random: noise, ring-down, microphones.
     sensor : SensorResponse
@@ -97,12 +67,20 @@ class Scene:
     ping_period_s: float = 0.2
     seed: int = 0
     name: str = "scene"
+    things: tuple[Thing, ...] = ()
+    stands: bool = False
+    path: Path | None = None
+    noise: tuple[NoiseSource, ...] = ()
+    dead_mics: tuple[int, ...] = ()
     sensor: SensorResponse = field(default_factory=shipped_response)
 
     def pose(self, ping_index: int) -> Pose:
         """Where the sonar is at one ping."""
         t = ping_index * self.ping_period_s
         x, y, z = self.start.position_m
+        if self.path is not None:
+            along_x, along_y, yaw = self.path.at(t)
+            return Pose((along_x, along_y, z), yaw)
         return Pose(
             (x + self.velocity_m_s[0] * t, y + self.velocity_m_s[1] * t, z),
             self.start.yaw_rad + self.yaw_rate_rad_s * t,
@@ -110,29 +88,15 @@ class Scene:
 
     def truth(self, ping_index: int) -> dict[str, Any]:
         """Tell what is there, seen from the sonar at one ping; ranges to the dishes' vertices."""
-        pose = self.pose(ping_index)
-        told: dict[str, list[dict[str, Any]]] = {"landmarks": [], "decoys": []}
+        pose, time_s = self.pose(ping_index), ping_index * self.ping_period_s
+        told: dict[str, list[dict[str, Any]]] = {"landmarks": [], "decoys": [], "objects": []}
         for item in self.dishes:
-            x, y, z = pose.to_sensor(np.asarray(item.vertex_m))
-            distance = float(np.sqrt(x * x + y * y + z * z))
-            toward = -np.array([x, y, z]) / distance
-            tilt = float(np.arccos(np.clip(pose.turn(item.axis) @ toward, -1, 1)))
-            azimuth = float(np.arctan2(y, x))
-            visible = bool(
-                tilt < VISIBLE_TILT_RAD
-                and abs(azimuth) < VISIBLE_AZIMUTH_RAD
-                and distance > VISIBLE_RANGE_M
-            )
-            told["landmarks" if item.is_landmark else "decoys"].append(
-                {
-                    "label": item.label,
-                    "range_m": round(distance, 5),
-                    "azimuth_rad": round(azimuth, 5),
-                    "elevation_rad": round(float(np.arctan2(z, np.hypot(x, y))), 5),
-                    "tilt_rad": round(tilt, 5),
-                    "visible": visible,
-                }
-            )
+            line = seen_dish(item, item.vertex_at(time_s), pose, self.clear_part(item, ping_index))
+            told["landmarks" if item.is_landmark else "decoys"].append(line)
+        told["objects"] = [
+            seen_thing(thing.kind, np.asarray(thing.place_m) + thing.offset_m(time_s), pose)
+            for thing in self.things
+        ]
         return {
             "ping_index": ping_index,
             "source": "sim",
@@ -141,11 +105,25 @@ class Scene:
             **told,
         }
 
+    def clear_part(self, item: DishObject, ping_index: int) -> float:
+        """Part of a dish that the sonar sees past other objects at one ping, 0 to 1."""
+        time_s = ping_index * self.ping_period_s
+        blockers: list[Blocker] = []
+        for thing in self.things:
+            offset = thing.offset_m(time_s)
+            blockers.extend(blocker.shifted(offset) for blocker in thing.blockers)
+        for other in self.dishes:
+            if other is not item:
+                x, y, z = other.vertex_at(time_s)
+                radius = other.dish.aperture_radius_m
+                # Seen from above, a dish is a disc as wide as its aperture, whichever way it looks.
+                blockers.append(Blocker.cylinder(x, y, radius, z - radius, z + radius))
+        sonar = np.asarray(self.pose(ping_index).position_m)
+        rim = item.vertex_at(time_s) + item.dish.depth_m * item.axis
+        return clear_part(sonar, rim, item.axis, item.dish.aperture_radius_m, blockers)
+
     def hear(
-        self,
-        ping_index: int,
-        num_words: int,
-        chirp: npt.NDArray[np.float64] | None,
+        self, ping_index: int, num_words: int, chirp: npt.NDArray[np.float64] | None
     ) -> npt.NDArray[np.uint32]:
         """One ping's PDM words; the same for the same arguments, always.
 
@@ -157,53 +135,111 @@ class Scene:
             None: only listen.
         """
         rng = np.random.default_rng([self.seed, ping_index])
-        mics = MicrophoneSet.draw(np.random.default_rng([self.seed, 2**32]))
-        num_samples = -(-num_words // DECIMATION)
-        pressure = np.zeros((NUM_MICS, num_samples), np.float32)
+        return self._to_words(self._pressure(ping_index, num_words, chirp, rng), num_words, rng)
+
+    def hear_and_judge(
+        self, ping_index: int, num_words: int, chirp: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.uint32], dict[str, Any]]:
+        """Words as from ``hear``, and truth in which each landmark also has ``own_to_rest_db``.
+
+        That is the energy of its direct echo against everything else in its fragment, after
+        compression by the chirp: as much work again for each landmark.
+        """
+        rng = np.random.default_rng([self.seed, ping_index])
+        pressure = self._pressure(ping_index, num_words, chirp, rng)
+        truth = self.truth(ping_index)
+        speed = self.air.speed_of_sound_m_s
+        landmarks = [item for item in self.dishes if item.is_landmark]
+        for item, line in zip(landmarks, truth["landmarks"], strict=True):
+            part = self.own_echoes(item, ping_index)
+            line["own_to_rest_db"] = None
+            if part is not None:
+                fragment = fragment_span(line["range_m"], speed)
+                # What comes later is of no use, and the renderer's work grows with the time.
+                needed = min(fragment[1] + chirp.size, pressure.shape[1])
+                own = self._render([part], chirp, needed)
+                line["own_to_rest_db"] = own_to_rest_db(own, pressure[:, :needed], chirp, fragment)
+        return self._to_words(pressure, num_words, rng), truth
+
+    def _pressure(
+        self,
+        ping_index: int,
+        num_words: int,
+        chirp: npt.NDArray[np.float64] | None,
+        rng: np.random.Generator,
+    ) -> npt.NDArray[np.float32]:
+        pressure = np.zeros((NUM_MICS, -(-num_words // DECIMATION)), np.float32)
         if chirp is not None:
-            pressure += render(
-                self.echoes(ping_index), self.air, chirp, num_samples, mics.response, self.sensor
-            )
+            pressure += self._render([self.echoes(ping_index)], chirp, pressure.shape[1])
         add_noise(pressure, rng)
+        yaw, speed = self.pose(ping_index).yaw_rad, self.air.speed_of_sound_m_s
+        add_sources(pressure, self.noise, yaw, mic_positions_m(), speed, rng)
+        return pressure
+
+    def _render(
+        self, echoes: list[Echoes], chirp: npt.NDArray[np.float64], num_samples: int
+    ) -> npt.NDArray[np.float32]:
+        joined, mics = Echoes.join(echoes), self._mics()
+        return render(joined, self.air, chirp, num_samples, mics.response, self.sensor)
+
+    def _mics(self) -> MicrophoneSet:
+        return MicrophoneSet.draw(np.random.default_rng([self.seed, 2**32]))
+
+    def _to_words(
+        self, pressure: npt.NDArray[np.float32], num_words: int, rng: np.random.Generator
+    ) -> npt.NDArray[np.uint32]:
         words = to_pdm(pressure, rng)[:num_words]
-        corrupt_half_words(words, mics.half_words_per_frame * num_words / 163_840, rng)
+        corrupt_half_words(words, self._mics().half_words_per_frame * num_words / 163_840, rng)
+        kill_microphones(words, self.dead_mics)
         return words
 
     def echoes(self, ping_index: int) -> Echoes:
         """Every way from emitter to microphones at one ping."""
-        pose = self.pose(ping_index)
+        pose, time_s = self.pose(ping_index), ping_index * self.ping_period_s
         emitter, mics = np.array(EMITTER_POSITION_M), mic_positions_m()
-        rng = np.random.default_rng([self.seed, 2**33])
-        parts = [direct_path(emitter, mics, self.air.speed_of_sound_m_s, rng)]
+        own_rng = np.random.default_rng([self.seed, 2**33])
+        parts = [direct_path(emitter, mics, self.air.speed_of_sound_m_s, own_rng)]
         parts.extend(self.room.echoes(pose.to_sensor, pose.turn, emitter, mics))
-        if self.clutter.positions_m.size:
-            at = pose.to_sensor(self.clutter.positions_m)
-            parts.append(self.clutter.echoes(at, emitter, mics))
-        floor_z = -pose.position_m[2]
+        reverberation = self.room.reverberation(
+            len(mics), np.random.default_rng([self.seed, ping_index, 2**34])
+        )
+        parts.extend([reverberation] if reverberation is not None else [])
+        parts.extend(self._clutter_at(time_s).echoes(pose, emitter, mics))
         for item in self.dishes:
-            vertex = pose.to_sensor(np.asarray(item.vertex_m))
-            axis = pose.turn(item.axis)
-            parts.extend(self._dish_and_floor(item.dish, axis, vertex, emitter, mics, floor_z))
+            parts.extend(self._dish_and_floor(item, ping_index))
         return Echoes.join(parts)
 
+    def own_echoes(self, item: DishObject, ping_index: int) -> Echoes | None:
+        """The direct way to one dish and back; None if something hides all of it."""
+        ways = self._dish_and_floor(item, ping_index, by_floor=False)
+        return ways[0] if ways else None
+
+    def _clutter_at(self, time_s: float) -> Clutter:
+        things = list(self.things)
+        if self.stands:
+            things.extend(stand_for(item) for item in self.dishes if item.is_landmark)
+        moved = [thing.clutter.shifted(thing.offset_m(time_s)) for thing in things]
+        return Clutter.join([self.clutter, *moved])
+
     def _dish_and_floor(
-        self,
-        dish: Dish,
-        axis: FloatArray,
-        vertex: FloatArray,
-        emitter: FloatArray,
-        mics: FloatArray,
-        floor_z: float,
+        self, item: DishObject, ping_index: int, *, by_floor: bool = True
     ) -> list[Echoes]:
         """Hear a dish directly, and by way of the floor there, back, and both."""
+        pose = self.pose(ping_index)
+        emitter, mics = np.array(EMITTER_POSITION_M), mic_positions_m()
+        vertex = pose.to_sensor(item.vertex_at(ping_index * self.ping_period_s))
+        axis, floor_z = pose.turn(item.axis), -pose.position_m[2]
         mirror = np.array([1.0, 1.0, -1.0])
         lift = np.array([0.0, 0.0, 2 * floor_z])
         parts = []
         ways = [(emitter, False)]
         hearers = [(mics, False)]
-        if self.room.floor_reflection > 0:
+        if self.room.floor_reflection > 0 and by_floor:
             ways.append((emitter * mirror + lift, True))
             hearers.append((mics * mirror + lift, True))
+        clear = self.clear_part(item, ping_index)  # what stands on the floor hides those ways too
+        if clear == 0:
+            return []
         for source, from_floor in ways:
             leaving = vertex - source
             sin_emission = _sin_off_axis(leaving)
@@ -211,9 +247,9 @@ class Scene:
                 bounces = from_floor + to_floor
                 grazing = abs(leaving[2]) / np.linalg.norm(leaving)
                 parts.append(
-                    dish_echoes(dish, axis, vertex, source, heard).emitted(
+                    dish_echoes(item.dish, axis, vertex, source, heard).emitted(
                         sin_emission,
-                        factor=self.room.floor_reflection**bounces,
+                        factor=clear * self.room.floor_reflection**bounces,
                         roughness_m=bounces * self.room.floor_roughness_m * grazing,
                     )
                 )

@@ -2,180 +2,164 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from pathlib import Path as FilePath
 
 import numpy as np
-import yaml
 
 from ertis_detector.air import Air
-from ertis_simulator.clutter import Clutter
-from ertis_simulator.errors import SceneError
-from ertis_simulator.landmark import DEPTH_RATIO, RADII_MM, Dish
+from ertis_driver.frame import NUM_MICS
+from ertis_simulator.clutter import CLUSTER_KINDS, EVEN, Clutter
+from ertis_simulator.path import Pose
 from ertis_simulator.room import Room
-from ertis_simulator.scene import DishObject, Pose, Scene
+from ertis_simulator.scene import Scene
+from ertis_simulator.scene_items import (
+    DECOY_KEYS,
+    LANDMARK_KEYS,
+    NOISE_KEYS,
+    OBJECT_KEYS,
+    read_decoy,
+    read_landmark,
+    read_noise,
+    read_object,
+    read_path,
+)
+from ertis_simulator.yaml_section import MAX_SCENE_BYTES, Section, read_yaml
 
-MAX_SCENE_BYTES = 65_536
+__all__ = ["MAX_SCENE_BYTES", "load_scene"]
 
-_TOP = {"name", "seed", "air", "room", "sonar", "landmarks", "decoys", "clutter_per_m2"}
-_ROOM = {"x_m", "y_m", "wall_reflection", "floor_reflection"}
-_SONAR = {"x_m", "y_m", "height_m", "heading_deg", "velocity_m_s", "turn_deg_s", "ping_period_s"}
-_DISH = {"x_m", "y_m", "height_m", "facing_deg"}
-_DECOY = _DISH | {"name", "radius_mm", "depth_mm"}
-_LANDMARK = _DISH | {"radius_mm"}
+_TOP = (
+    "name",
+    "seed",
+    "air",
+    "room",
+    "sonar",
+    "landmarks",
+    "stands",
+    "decoys",
+    "objects",
+    "clutter_per_m2",
+    "clutter_kinds",
+    "noise",
+    "dead_microphones",
+)
+_ROOM = (
+    "x_m",
+    "y_m",
+    "wall_reflection",
+    "floor_reflection",
+    "wall_roughness_mm",
+    "floor_roughness_mm",
+    "diffuse",
+)
+_SONAR = (
+    "x_m",
+    "y_m",
+    "height_m",
+    "heading_deg",
+    "velocity_m_s",
+    "turn_deg_s",
+    "ping_period_s",
+    "path",
+)
+_MAX_THINGS = 20_000  # clutter: as much again takes a minute a ping
 
 
-def load_scene(path: Path) -> Scene:
+def load_scene(path: FilePath) -> Scene:
     """Read a scene.
 
     Raises
     ------
     SceneError
-        One line: what, where, and what was expected.
+        One line: file, line and column, what was met and what was expected.
     """
-    try:
-        if path.stat().st_size > MAX_SCENE_BYTES:
-            raise SceneError(f"{path}: larger than {MAX_SCENE_BYTES} bytes: that is no scene")
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "is not text"
-        raise SceneError(f"scene {path}: {reason}") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
-        raise SceneError(f"{path}{where}: not YAML: {getattr(error, 'problem', error)}") from error
-    try:
-        return _scene(_Section(content, "", _TOP), path.stem)
-    except SceneError as error:
-        raise SceneError(f"{path}: {error}") from error
-
-
-class _Section:
-    """A mapping with known keys; says what is wrong where."""
-
-    def __init__(self, content: Any, name: str, known: set[str]) -> None:
-        if not isinstance(content, Mapping):
-            raise SceneError(f"{name or 'the file'}: met {content!r}, expected a mapping")
-        for key in content:
-            if key not in known:
-                near = difflib.get_close_matches(str(key), known, 1)
-                hint = (
-                    f"did you mean {near[0]!r}?" if near else f"known: {', '.join(sorted(known))}"
-                )
-                raise SceneError(f"{name + '.' if name else ''}{key}: unknown key, {hint}")
-        self._content, self.name = content, name
-
-    def number(
-        self,
-        key: str,
-        default: float | None = None,
-        *,
-        low: float = -1e6,
-        high: float = 1e6,
-    ) -> float:
-        value = self._content.get(key, default)
-        where = f"{self.name}.{key}" if self.name else key
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-            raise SceneError(f"{where}: met {value!r}, expected a number")
-        if not low <= value <= high:
-            raise SceneError(f"{where}: met {value:g}, expected {low:g} to {high:g}")
-        return float(value)
-
-    def pair(self, key: str, default: tuple[float, float]) -> tuple[float, float]:
-        value = self._content.get(key, default)
-        numbers = isinstance(value, (list, tuple)) and len(value) == 2
-        if not numbers or not all(type(v) in (int, float) and np.isfinite(v) for v in value):
-            raise SceneError(f"{self.name}.{key}: met {value!r}, expected two numbers")
-        return float(value[0]), float(value[1])
-
-    def text(self, key: str, default: str) -> str:
-        return str(self._content.get(key, default))
-
-    def section(self, key: str, known: set[str]) -> _Section:
-        return _Section(self._content.get(key, {}), key, known)
-
-    def sections(self, key: str, known: set[str]) -> list[_Section]:
-        items = self._content.get(key, [])
-        if not isinstance(items, list):
-            raise SceneError(f"{key}: met {items!r}, expected a list")
-        return [_Section(item, f"{key}[{i}]", known) for i, item in enumerate(items)]
-
-
-def _scene(top: _Section, name: str) -> Scene:
+    top = read_yaml(path, _TOP)
     seed = int(top.number("seed", 0, low=0, high=2**31))
-    room = _room(top.section("room", _ROOM))
+    room = _room(top)
+    objects = [
+        read_object(item, np.random.default_rng([seed, 8, number]))
+        for number, item in enumerate(top.sections("objects", OBJECT_KEYS))
+    ]
+    dishes = [read_landmark(item) for item in top.sections("landmarks", LANDMARK_KEYS)]
+    dishes.extend(read_decoy(item) for item in top.sections("decoys", DECOY_KEYS))
+    dishes.extend(dish for _, dish in objects if dish is not None)
+    air = top.section("air", ("temperature_c", "humidity_percent"))
     sonar = top.section("sonar", _SONAR)
-    air = top.section("air", {"temperature_c", "humidity_percent"})
-    rng = np.random.default_rng([seed, 7])
     return Scene(
         room=room,
-        start=Pose(
-            (
-                sonar.number("x_m", 0.0),
-                sonar.number("y_m", 0.0),
-                sonar.number("height_m", 0.5, low=0.05, high=5.0),
-            ),
-            float(np.deg2rad(sonar.number("heading_deg", 0.0))),
-        ),
-        dishes=tuple(
-            [_landmark(item) for item in top.sections("landmarks", _LANDMARK)]
-            + [_decoy(item) for item in top.sections("decoys", _DECOY)]
-        ),
-        clutter=Clutter.scatter(
-            room.x_m, room.y_m, top.number("clutter_per_m2", 0.0, low=0.0, high=100.0), rng
-        ),
+        start=_start(sonar),
+        dishes=tuple(dishes),
+        clutter=_clutter(top, room, np.random.default_rng([seed, 7])),
         air=Air(
-            air.number("temperature_c", 20.0, low=-40.0, high=60.0),
-            air.number("humidity_percent", 50.0, low=1.0, high=100.0),
+            air.number("temperature_c", 20.0, low=-40.0, high=60.0) if air else 20.0,
+            air.number("humidity_percent", 50.0, low=1.0, high=100.0) if air else 50.0,
         ),
-        velocity_m_s=sonar.pair("velocity_m_s", (0.0, 0.0)),
-        yaw_rate_rad_s=float(np.deg2rad(sonar.number("turn_deg_s", 0.0))),
-        ping_period_s=sonar.number("ping_period_s", 0.2, low=0.0, high=60.0),
+        velocity_m_s=sonar.pair("velocity_m_s", (0.0, 0.0)) if sonar else (0.0, 0.0),
+        yaw_rate_rad_s=float(np.deg2rad(sonar.number("turn_deg_s", 0.0))) if sonar else 0.0,
+        ping_period_s=sonar.number("ping_period_s", 0.2, low=0.0, high=60.0) if sonar else 0.2,
         seed=seed,
-        name=top.text("name", name),
+        name=top.text("name", path.stem),
+        things=tuple(thing for thing, _ in objects if thing is not None),
+        stands=top.flag("stands", False),
+        path=read_path(sonar, _start(sonar).yaw_rad) if sonar else None,
+        noise=tuple(read_noise(item) for item in top.sections("noise", NOISE_KEYS)),
+        dead_mics=_dead(top),
     )
 
 
-def _room(section: _Section) -> Room:
-    default = Room()
+def _start(sonar: Section | None) -> Pose:
+    if sonar is None:
+        return Pose((0.0, 0.0, 0.5), 0.0)
+    for other in ("velocity_m_s", "turn_deg_s", "x_m", "y_m"):
+        if sonar.has("path") and sonar.has(other):
+            raise sonar.wrong(other, "met beside path, expected one of the two")
+    at = (
+        sonar.number("x_m", 0.0),
+        sonar.number("y_m", 0.0),
+        sonar.number("height_m", 0.5, low=0.05, high=5.0),
+    )
+    return Pose(at, float(np.deg2rad(sonar.number("heading_deg", 0.0))))
+
+
+def _dead(top: Section) -> tuple[int, ...]:
+    numbers = top.numbers("dead_microphones")
+    for number in numbers:
+        if number != int(number) or not 0 <= number < NUM_MICS:
+            problem = f"met {number:g}, expected whole numbers from 0 to {NUM_MICS - 1}"
+            raise top.wrong("dead_microphones", problem)
+    return tuple(sorted({int(number) for number in numbers}))
+
+
+def _clutter(top: Section, room: Room, rng: np.random.Generator) -> Clutter:
+    density = top.number("clutter_per_m2", 0.0, low=0.0, high=100.0)
+    area = (room.x_m[1] - room.x_m[0]) * (room.y_m[1] - room.y_m[0])
+    if density * area > _MAX_THINGS:
+        problem = f"met {density:g} in a room of {area:g} m2, expected {_MAX_THINGS} things at most"
+        raise top.wrong("clutter_per_m2", problem)
+    shares = top.section("clutter_kinds", tuple(CLUSTER_KINDS))
+    weights = EVEN
+    if shares is not None:
+        weights = {name: shares.number(name, 0.0, low=0.0) for name in CLUSTER_KINDS}
+        if not sum(weights.values()):
+            raise top.wrong("clutter_kinds", "met no share above 0, expected one at least")
+    return Clutter.scatter(room.x_m, room.y_m, density, rng, weights=weights)
+
+
+def _room(top: Section) -> Room:
+    default, section = Room(), top.section("room", _ROOM)
+    if section is None:
+        return default
     sides = {key: section.pair(key, getattr(default, key)) for key in ("x_m", "y_m")}
     for key, (low, high) in sides.items():
         if not 0 < high - low <= 100:
-            raise SceneError(f"room.{key}: met {low:g} to {high:g}, expected a width up to 100")
+            problem = f"met {low:g} to {high:g}, expected a width up to 100"
+            raise section.wrong(key, problem)
+    wall_mm, floor_mm = default.wall_roughness_m * 1e3, default.floor_roughness_m * 1e3
     return Room(
         sides["x_m"],
         sides["y_m"],
         section.number("wall_reflection", default.wall_reflection, low=0.0, high=1.0),
         section.number("floor_reflection", default.floor_reflection, low=0.0, high=1.0),
+        section.number("wall_roughness_mm", wall_mm, low=0.0, high=10.0) / 1e3,
+        section.number("floor_roughness_mm", floor_mm, low=0.0, high=10.0) / 1e3,
+        section.number("diffuse", default.diffuse, low=0.0, high=1.0),
     )
-
-
-def _place(section: _Section) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    vertex = section.number("x_m"), section.number("y_m"), section.number("height_m", 0.5)
-    return vertex, (float(np.deg2rad(section.number("facing_deg", 180.0))), 0.0)
-
-
-def _landmark(section: _Section) -> DishObject:
-    radius_mm = section.number("radius_mm")
-    if radius_mm not in RADII_MM:
-        raise SceneError(
-            f"{section.name}.radius_mm: met {radius_mm:g}, expected one of "
-            f"{', '.join(map(str, RADII_MM))}"
-        )
-    vertex, facing = _place(section)
-    return DishObject(f"r{radius_mm:g}", Dish.landmark(radius_mm), vertex, facing)
-
-
-def _decoy(section: _Section) -> DishObject:
-    radius_mm = section.number("radius_mm")
-    depth_mm = section.number("depth_mm", DEPTH_RATIO * radius_mm)
-    if not 0 < depth_mm <= 2 * radius_mm:
-        raise SceneError(
-            f"{section.name}.depth_mm: met {depth_mm:g}, expected above 0 and up to twice the "
-            "radius"
-        )
-    vertex, facing = _place(section)
-    dish = Dish(radius_mm / 1000, depth_mm / 1000)
-    return DishObject(section.text("name", "bowl"), dish, vertex, facing, is_landmark=False)

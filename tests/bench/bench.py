@@ -26,6 +26,7 @@ def main() -> None:
     import numpy as np
     import scipy
     from contests import bench_all, demo_words
+    from simulation import bench_simulation
 
     from ertis_daemon.memory import keep_freed_memory
     from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
@@ -36,6 +37,7 @@ def main() -> None:
         f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, "
         f"scipy {scipy.__version__}; one thread, one core"
     )
+    bench_simulation()
     bench_all("simulated demo scene", demo_words(DEFAULT_CHIRP), DEFAULT_CHIRP, args.rounds)
     if args.reference:
         words = np.fromfile(args.reference, "<u4").astype(np.uint32)[:DEFAULT_NUM_WORDS]

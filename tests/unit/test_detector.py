@@ -88,7 +88,7 @@ def test_far_clutter_is_seldom_taken_for_a_landmark(detector):
     reports = 0
     for ping in range(12):
         clutter = Clutter.scatter((4.0, 5.5), (-2.5, 2.5), 8.0, rng)
-        assert clutter.positions_m.size
+        assert clutter.points.positions_m.size
         reports += len(detector.detect(audio_of(scene(clutter=clutter), ping)))
     assert reports <= 3  # its card says 0.12 false alarms a ping
 

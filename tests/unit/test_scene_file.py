@@ -6,6 +6,8 @@ import pytest
 from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_simulator.dataset import MAX_AZIMUTH_RAD, RANGE_M, random_scene
 from ertis_simulator.errors import SceneError
+from ertis_simulator.noise_sources import AirGun, OtherSonar, Tone
+from ertis_simulator.objects import LIKE_A_LANDMARK
 from ertis_simulator.scene_file import MAX_SCENE_BYTES, load_scene
 
 CHIRP = DEFAULT_CHIRP.samples(450e3)
@@ -74,6 +76,10 @@ def test_a_decoy_is_no_landmark(scene_file):
         ("sonar: {heigth_m: 1}\n", "sonar.heigth_m", "height_m"),
         ("landmarks: [{radius: 48, x_m: 1, y_m: 0}]\n", "landmarks[0].radius", "radius_mm"),
         ("air: {temperature: 3}\n", "air.temperature", "temperature_c"),
+        ("objects: [{kind: box, x_m: 1, y_m: 1, widht_m: 1}]\n", "objects[0].widht_m", "width_m"),
+        ("noise: [{kind: tone, freqency_hz: 1}]\n", "noise[0].freqency_hz", "frequency_hz"),
+        ("clutter_kinds: {bushes: 1}\n", "clutter_kinds.bushes", "bush"),
+        ("sonar: {path: [{ts: 0}]}\n", "sonar.path[0].ts", "t_s"),
     ],
 )
 def test_an_unknown_key_names_the_nearest_known_one(scene_file, text, where, nearest):
@@ -90,16 +96,16 @@ def test_an_unknown_key_like_no_other_lists_the_known_ones(scene_file):
     [
         ("", "expected a mapping"),
         ("- 1\n", "expected a mapping"),
-        ("room: 3\n", "room: met 3, expected a mapping"),
+        ("room: 3\n", "hall.yaml:1:7: room: met '3', expected a mapping"),
         ("sonar: {x_m: wide}\n", "sonar.x_m: met 'wide', expected a number"),
-        ("sonar: {x_m: .nan}\n", "sonar.x_m: met nan, expected a number"),
-        ("sonar: {x_m: true}\n", "sonar.x_m: met True, expected a number"),
-        ("room: {x_m: [1]}\n", "room.x_m: met [1], expected two numbers"),
-        ("room: {x_m: [1, a]}\n", "expected two numbers"),
-        ("landmarks: 3\n", "landmarks: met 3, expected a list"),
-        ("landmarks: [7]\n", "landmarks[0]: met 7, expected a mapping"),
+        ("sonar: {x_m: .nan}\n", "sonar.x_m: met '.nan', expected a number"),
+        ("sonar: {x_m: true}\n", "sonar.x_m: met 'true', expected a number"),
+        ("room: {x_m: [1]}\n", "room.x_m: met a list, expected two numbers"),
+        ("room: {x_m: [1, a]}\n", "hall.yaml:1:17: room.x_m: met 'a', expected a number"),
+        ("landmarks: 3\n", "landmarks: met '3', expected a list"),
+        ("landmarks: [7]\n", "landmarks[0]: met '7', expected a mapping"),
         ("landmarks: [{radius_mm: 50, x_m: 1, y_m: 0}]\n", "expected one of 35, 48, 58, 70"),
-        ("landmarks: [{x_m: 1, y_m: 0}]\n", "landmarks[0].radius_mm: met None"),
+        ("landmarks: [{x_m: 1, y_m: 0}]\n", "hall.yaml:1:13: landmarks[0].radius_mm: missing"),
         ("decoys: [{radius_mm: 50, depth_mm: 200, x_m: 1, y_m: 0}]\n", "decoys[0].depth_mm"),
         ("decoys: [{radius_mm: 0, x_m: 1, y_m: 0}]\n", "decoys[0]"),
         ("decoys: [{radius_mm: -5, depth_mm: 2, x_m: 1, y_m: 0}]\n", "decoys[0]"),
@@ -109,6 +115,29 @@ def test_an_unknown_key_like_no_other_lists_the_known_ones(scene_file):
         ("room: {x_m: [5, -2]}\nclutter_per_m2: 1\n", "room.x_m"),
         ("air: {temperature_c: -400}\n", "air.temperature_c"),
         ("sonar: {ping_period_s: -1}\n", "sonar.ping_period_s"),
+        ("seed: 1\nseed: 2\n", "hall.yaml:2:1: seed: given twice, first in line 1"),
+        ("seed: 1:30\n", "seed: met '1:30', expected a number"),
+        ("seed: &a 1\nname: *a\n", "aliases are not allowed"),
+        ("dead_microphones: [32]\n", "met 32, expected whole numbers from 0 to 31"),
+        ("dead_microphones: [1.5]\n", "met 1.5, expected whole numbers"),
+        ("stands: maybe\n", "stands: met 'maybe', expected one of true, false"),
+        ("room: {diffuse: 2}\n", "room.diffuse: met 2, expected 0 to 1"),
+        ("objects: [{x_m: 1, y_m: 1}]\n", "objects[0].kind: missing, expected one of pipe"),
+        ("objects: [{kind: bushh, x_m: 1, y_m: 1}]\n", "met 'bushh', did you mean 'bush'?"),
+        ("objects: [{kind: pipe, x_m: 1, y_m: 1, width_m: 1}]\n", "a pipe has none, its sizes"),
+        ("objects: [{kind: pipe, x_m: 1, y_m: 1, base_m: 3, top_m: 2}]\n", "above the base"),
+        ("objects: [{kind: bowl, x_m: 1, y_m: 1, radius_mm: 9, depth_mm: 50}]\n", "twice the"),
+        ("sonar: {x_m: 1, path: [{t_s: 0, x_m: 1, y_m: 1}]}\n", "sonar.x_m: met beside path"),
+        ("sonar: {path: []}\n", "sonar.path: met no waypoint"),
+        (
+            "sonar: {path: [{t_s: 1, x_m: 0, y_m: 0}, {t_s: 1, x_m: 1, y_m: 0}]}\n",
+            "sonar.path[1].t_s: met 1 after 1, expected rising times",
+        ),
+        ("noise: [{kind: tone, level_dbfs: -60}]\n", "noise[0].frequency_hz: missing"),
+        ("noise: [{kind: tone, level_dbfs: 6, frequency_hz: 1}]\n", "noise[0].level_dbfs"),
+        ("noise: [{kind: tone, per_s: 6}]\n", "noise[0].per_s: belongs to air_gun, met in tone"),
+        ("noise: [{kind: sonar, level_dbfs: -60, chirp: up}]\n", "noise[0].chirp"),
+        ("clutter_kinds: {bush: 0}\n", "clutter_kinds: met no share above 0"),
         ("a: [1\n", "not YAML"),
         ("a: \tb\n", "not YAML"),
         (b"\xff\xfe\x00", "is not text"),
@@ -154,7 +183,7 @@ def test_a_random_scene_is_the_same_for_the_same_number():
     once, again, other = random_scene(1, 5), random_scene(1, 5), random_scene(1, 6)
     assert once.dishes == again.dishes
     assert once.room == again.room
-    np.testing.assert_array_equal(once.clutter.positions_m, again.clutter.positions_m)
+    np.testing.assert_array_equal(once.clutter.points.positions_m, again.clutter.points.positions_m)
     np.testing.assert_array_equal(once.hear(0, 32_760, CHIRP), again.hear(0, 32_760, CHIRP))
     assert once.room != other.room
     assert once.room != random_scene(2, 5).room
@@ -173,3 +202,63 @@ def test_random_scenes_hold_landmarks_within_reach_and_decoys_of_other_shapes():
             assert scene.room.y_m[0] < y < scene.room.y_m[1]
             ratio = item.dish.depth_m / item.dish.aperture_radius_m
             assert (abs(ratio - 0.6) < 1e-9) == item.is_landmark
+            assert item.is_landmark or abs(ratio - 0.6) > LIKE_A_LANDMARK
+
+
+def test_random_scenes_hold_every_kind_of_thing_and_of_noise():
+    scenes = [random_scene(4, number) for number in range(120)]
+    kinds = {thing.kind for scene in scenes for thing in scene.things}
+    assert kinds == {"pipe", "edge", "box", "bush", "dihedral", "trihedral"}
+    noises = {type(source) for scene in scenes for source in scene.noise}
+    assert noises == {Tone, AirGun, OtherSonar}
+    decoys = {i.label for scene in scenes for i in scene.dishes if not i.is_landmark}
+    assert decoys == {"bowl", "lampshade"}
+
+
+def test_the_office_that_ships_has_one_landmark_of_three_behind_a_box():
+    with resources.as_file(resources.files("ertis_simulator") / "scenes/office.yaml") as path:
+        scene = load_scene(path)
+    told = {item["label"]: item for item in scene.truth(0)["landmarks"]}
+    assert {label: item["shadowed"] for label, item in told.items()} == {
+        "r48": False,
+        "r70": False,
+        "r58": True,
+    }
+    assert not told["r58"]["visible"]
+    assert told["r48"]["visible"]
+
+
+def test_objects_noise_path_and_dead_microphones_are_read(scene_file):
+    scene = load_scene(
+        scene_file(
+            "dead_microphones: [3, 17, 3]\n"
+            "stands: true\n"
+            "room: {wall_roughness_mm: 2, diffuse: 0.1}\n"
+            "sonar: {path: [{t_s: 0, x_m: 0, y_m: 0, heading_deg: 0}, "
+            "{t_s: 2, x_m: 1, y_m: 0, heading_deg: 90}], ping_period_s: 0.5}\n"
+            "objects:\n"
+            "  - {kind: pipe, x_m: 2, y_m: 1, radius_mm: 30, top_m: 1.2}\n"
+            "  - {kind: bowl, x_m: 2, y_m: 0, radius_mm: 50, depth_mm: 20}\n"
+            "noise:\n"
+            "  - {kind: air_gun, level_dbfs: -50, azimuth_deg: 90}\n"
+        )
+    )
+    assert scene.dead_mics == (3, 17)
+    assert scene.stands
+    assert (scene.room.wall_roughness_m, scene.room.diffuse) == (2e-3, 0.1)
+    assert scene.pose(2).position_m == pytest.approx((0.5, 0.0, 0.5))
+    assert scene.pose(2).yaw_rad == pytest.approx(np.pi / 4)
+    assert scene.pose(99).position_m == pytest.approx((1.0, 0.0, 0.5))
+    assert [thing.kind for thing in scene.things] == ["pipe"]
+    assert scene.things[0].clutter.lines.radius_m == pytest.approx([0.03])
+    assert [(dish.label, dish.is_landmark) for dish in scene.dishes] == [("bowl", False)]
+    assert scene.dishes[0].dish.depth_m == pytest.approx(0.02)
+    assert scene.noise == (AirGun(-50.0, azimuth_rad=np.pi / 2),)
+
+
+@pytest.mark.parametrize("kind", ["bowl", "lampshade"])
+def test_a_dish_of_any_given_size_gets_the_rest_drawn(scene_file, kind):
+    for given in ("radius_mm: 3", "depth_mm: 300", "height_m: 1"):
+        text = f"objects: [{{kind: {kind}, x_m: 1, y_m: 0, {given}}}]\n"
+        dish = load_scene(scene_file(text)).dishes[0].dish
+        assert 0 < dish.depth_m <= 2 * dish.aperture_radius_m

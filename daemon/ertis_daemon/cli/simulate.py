@@ -1,4 +1,4 @@
-"""``ertis simulate``: recordings of simulated scenes, with truth."""
+"""``ertis simulate``: recordings of simulated scenes, and labelled data sets, with truth."""
 
 from __future__ import annotations
 
@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ertis_driver.chirp import Chirp
+    from ertis_simulator.scene import Scene
+
+    Job = tuple[Scene | tuple[int, int], int, str]
+
+_DEFAULT_PINGS = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,57 +27,146 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--random", action="store_true", help="a new random scene for each ping, to train on"
     )
-    parser.add_argument("-o", "--output", type=Path, required=True, help="MCAP file to make")
-    parser.add_argument("-n", "--pings", type=int, default=10, metavar="N", help="default 10")
-    parser.add_argument("--seed", type=int, default=1, help="of the random scenes, default 1")
+    what.add_argument(
+        "--dataset",
+        type=Path,
+        metavar="DIR",
+        help="a labelled data set like the paper's: 944 pings in seven environments",
+    )
+    parser.add_argument("-o", "--output", type=Path, help="MCAP file to make")
+    parser.add_argument(
+        "--plot", type=Path, metavar="OUT.png", help="draw the scene's first ping and its plan"
+    )
+    parser.add_argument(
+        "-n", "--pings", type=int, metavar="N", help="default 10, of a data set 944"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of what is random, default 1")
+    parser.add_argument(
+        "--variant", default="paper", metavar="NAME", help="harder data sets; 'help' lists them"
+    )
+    parser.add_argument(
+        "-j", "--workers", type=int, metavar="N", help="processes, default one for each core"
+    )
     parser.add_argument(
         "--chirp", metavar="KIND:START:STOP:SECONDS", help="default hyperbolic:80000:20000:0.0025"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the recording on all cores."""
-    from multiprocessing import get_context
-
+    """Make what was asked for, on all cores."""
     from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
     from ertis_driver.errors import SettingsError
+
+    for name, value, least in (
+        ("--pings", args.pings, 1),
+        ("--workers", args.workers, 1),
+        ("--seed", args.seed, 0),
+    ):
+        if value is not None and value < least:
+            raise SettingsError(f"{name} {value}, expected {least} or more")
+    chirp = Chirp.parse(args.chirp) if args.chirp else DEFAULT_CHIRP
+    if args.dataset is not None:
+        return _dataset(args, chirp)
+    if args.variant != "paper":
+        raise SettingsError(
+            f"--variant {args.variant} without --dataset: variants are of data sets"
+        )
+    if args.output is None and (args.plot is None or args.random):
+        raise SettingsError("nothing to make: name a recording with -o, or a picture with --plot")
+    if args.plot is not None:
+        _plot(args, chirp)
+    if args.output is not None:
+        _record(args, chirp)
+    return 0
+
+
+def _dataset(args: argparse.Namespace, chirp: Chirp) -> int:
+    from ertis_driver.errors import SettingsError
+    from ertis_simulator.dataset_files import DatasetSpec, make_dataset
+    from ertis_simulator.paper_dataset import PAPER_PINGS, VARIANTS
+
+    if args.variant == "help":
+        for name, variant in VARIANTS.items():
+            print(f"{name:14s}{variant.about}")
+        return 0
+    if args.variant not in VARIANTS:
+        raise SettingsError(f"--variant {args.variant}, expected one of {', '.join(VARIANTS)}")
+    if args.output is not None or args.plot is not None:
+        raise SettingsError("--dataset DIR says where it goes: leave out -o and --plot")
+    num_pings = PAPER_PINGS if args.pings is None else args.pings
+    spec = DatasetSpec(args.seed, num_pings, args.variant, chirp.name)
+    made = make_dataset(args.dataset, spec, _workers(args), lambda done: _show(done, num_pings))
+    _end_progress()
+    print(f"{args.dataset}: {num_pings} simulated pings, {made} of them made now", file=sys.stderr)
+    return 0
+
+
+def _record(args: argparse.Namespace, chirp: Chirp) -> None:
+    from multiprocessing import get_context
+
+    from ertis_driver.errors import RecordingError
     from ertis_driver.frame import DEFAULT_NUM_WORDS, PdmFrame
     from ertis_driver.recording import RecordingInfo, RecordingWriter
 
-    if args.pings < 1:
-        raise SettingsError(f"--pings {args.pings}, expected 1 or more")
-    chirp = Chirp.parse(args.chirp) if args.chirp else DEFAULT_CHIRP
-    jobs = _jobs(args, chirp)
+    num_pings = _DEFAULT_PINGS if args.pings is None else args.pings
+    jobs = _jobs(args, chirp, num_pings)
     info = RecordingInfo("sim", chirp, DEFAULT_NUM_WORDS, address=_address(args))
-    with (
-        RecordingWriter(args.output, info) as writer,
-        get_context("spawn").Pool(os.cpu_count()) as pool,
-    ):
-        for index, (words, truth) in enumerate(pool.imap(_hear, jobs, chunksize=4)):
-            # No clock ran: 10 pings a second from the epoch, so that the file is reproducible.
-            frame = PdmFrame(words, index, index * 100_000_000)
-            writer.write(frame, truth, temperature_c=truth["temperature_c"])
-            if sys.stderr.isatty():
-                print(f"\rsimulated {index + 1}/{args.pings}", end="", file=sys.stderr)
+    if args.output.exists():
+        raise RecordingError(f"{args.output} exists: name another file, or remove it")
+    # Whole or not at all: beside its place until it is done.
+    part = args.output.with_name(args.output.name + ".part")
+    part.unlink(missing_ok=True)
+    try:
+        with (
+            RecordingWriter(part, info) as writer,
+            get_context("spawn").Pool(_workers(args)) as pool,
+        ):
+            for index, (words, truth) in enumerate(pool.imap(_hear, jobs, chunksize=4)):
+                # No clock ran: 10 pings a second from the epoch, so that the file is reproducible.
+                frame = PdmFrame(words, index, index * 100_000_000)
+                writer.write(frame, truth, temperature_c=truth["temperature_c"])
+                _show(index + 1, num_pings)
+        part.replace(args.output)
+    finally:
+        part.unlink(missing_ok=True)
+    _end_progress()
+
+
+def _plot(args: argparse.Namespace, chirp: Chirp) -> None:
+    from ertis_daemon.scene_picture import draw_scene
+    from ertis_simulator.scene_file import load_scene
+
+    draw_scene(load_scene(args.scene), chirp, args.plot)
+
+
+def _show(done: int, total: int) -> None:
+    if sys.stderr.isatty():
+        print(f"\rsimulated {done}/{total}", end="", file=sys.stderr, flush=True)
+
+
+def _end_progress() -> None:
     if sys.stderr.isatty():
         print(file=sys.stderr)
-    return 0
+
+
+def _workers(args: argparse.Namespace) -> int:
+    return args.workers or os.cpu_count() or 1
 
 
 def _address(args: argparse.Namespace) -> str:
     return f"random seed {args.seed}" if args.random else f"sim:{args.scene.name}"
 
 
-def _jobs(args: argparse.Namespace, chirp: Chirp) -> list[tuple[Any, int, str]]:
+def _jobs(args: argparse.Namespace, chirp: Chirp, num_pings: int) -> list[Job]:
     from ertis_simulator.scene_file import load_scene
 
     if args.random:
-        return [((args.seed, index), 0, chirp.name) for index in range(args.pings)]
+        return [((args.seed, index), 0, chirp.name) for index in range(num_pings)]
     scene = load_scene(args.scene)
-    return [(scene, index, chirp.name) for index in range(args.pings)]
+    return [(scene, index, chirp.name) for index in range(num_pings)]
 
 
-def _hear(job: tuple[Any, int, str]) -> tuple[npt.NDArray[np.uint32], dict[str, Any]]:
+def _hear(job: Job) -> tuple[npt.NDArray[np.uint32], dict[str, Any]]:
     """Words and truth of one ping; runs in a worker process."""
     from ertis_driver.chirp import Chirp
     from ertis_driver.frame import AUDIO_RATE_HZ, DEFAULT_NUM_WORDS
