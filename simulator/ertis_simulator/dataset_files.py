@@ -122,7 +122,7 @@ def _prepare(folder: Path, spec: DatasetSpec, pings: Sequence[PlannedPing]) -> N
     folder.mkdir(parents=True, exist_ok=True)
     manifest = folder / MANIFEST
     if manifest.exists():
-        if manifest.read_text(encoding="utf-8") != spec.manifest():
+        if manifest.read_bytes() != spec.manifest().encode():
             raise SceneError(
                 f"{manifest} tells of another data set than {spec}: name another folder, or give "
                 "the seed, size, variant and chirp it was begun with"

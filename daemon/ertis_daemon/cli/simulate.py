@@ -95,8 +95,10 @@ def _dataset(args: argparse.Namespace, chirp: Chirp) -> int:
         raise SettingsError("--dataset DIR says where it goes: leave out -o and --plot")
     num_pings = PAPER_PINGS if args.pings is None else args.pings
     spec = DatasetSpec(args.seed, num_pings, args.variant, chirp.name)
-    made = make_dataset(args.dataset, spec, _workers(args), lambda done: _show(done, num_pings))
-    _end_progress()
+    try:
+        made = make_dataset(args.dataset, spec, _workers(args), lambda done: _show(done, num_pings))
+    finally:
+        _end_progress()
     print(f"{args.dataset}: {num_pings} simulated pings, {made} of them made now", file=sys.stderr)
     return 0
 
@@ -129,7 +131,7 @@ def _record(args: argparse.Namespace, chirp: Chirp) -> None:
         part.replace(args.output)
     finally:
         part.unlink(missing_ok=True)
-    _end_progress()
+        _end_progress()
 
 
 def _plot(args: argparse.Namespace, chirp: Chirp) -> None:
