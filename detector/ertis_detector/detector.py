@@ -15,7 +15,7 @@ from ertis_detector.imaging import Complex, Energyscape, Float, Focus, Imager, M
 from ertis_detector.locate import Location, locate
 from ertis_detector.model import Model
 from ertis_detector.paper import features
-from ertis_detector.proposals import propose
+from ertis_detector.proposals import Proposal, propose
 
 MAX_PROPOSALS = 8  # a frame with eight must still fit into one ping period
 MIN_SNR_DB = 14.0
@@ -99,7 +99,11 @@ class Scanner:
         return baseband, self._imager(baseband)
 
     def candidates(self, audio: npt.NDArray[np.float32]) -> tuple[Complex, list[Candidate]]:
-        """The compressed baseband of one ping, and every distinct strong echo in it, located."""
+        """The compressed baseband of one ping, and every distinct strong echo in it, located.
+
+        But for echoes of something else's: a strong reflector is heard in the array's sidelobes
+        and by way of the floor, too.
+        """
         baseband, scape = self.image(audio)
         floor = scape.noise_floor
         proposals = propose(
@@ -110,7 +114,9 @@ class Scanner:
         )
         return baseband, [
             Candidate(at, float(10 * np.log10(max(at.power, floor) / floor)))
-            for at in locate(self.focus, baseband, proposals, MAX_ELEVATION_RAD)
+            for at in locate(
+                self.focus, baseband, _without_own_echoes(proposals), MAX_ELEVATION_RAD
+            )
             if abs(at.azimuth_rad) <= MAX_AZIMUTH_RAD and at.range_m <= MAX_RANGE_M
         ]
 
@@ -171,7 +177,6 @@ class LandmarkDetector:
             450 kHz.
         """
         baseband, candidates = self.scanner.candidates(audio)
-        candidates = _without_own_echoes(candidates)
         if not candidates:
             return []
         seen = self.scanner.features(baseband, candidates)
@@ -187,18 +192,15 @@ class LandmarkDetector:
         return sorted(found, key=lambda one: -one.probabilities[one.label])
 
 
-def _without_own_echoes(candidates: list[Candidate]) -> list[Candidate]:
-    """Leave out what is much weaker than another echo from the same range.
-
-    A strong reflector is heard in the array's sidelobes and by way of the floor, too.
-    """
+def _without_own_echoes(proposals: list[Proposal]) -> list[Proposal]:
+    """Leave out what is much weaker than another proposal from the same range."""
     return [
         one
-        for one in candidates
+        for one in proposals
         if not any(
             other.snr_db > one.snr_db + OWN_ECHO_DB
-            and abs(other.location.range_m - one.location.range_m) < OWN_ECHO_RANGE_M
-            for other in candidates
+            and abs(other.range_m - one.range_m) < OWN_ECHO_RANGE_M
+            for other in proposals
         )
     ]
 

@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 
-from ertis_detector.detector import LandmarkDetector, Scanner
+from ertis_detector.detector import MAX_AZIMUTH_RAD, LandmarkDetector, Scanner
 from ertis_detector.errors import DetectorError, ModelMismatch
 from ertis_detector.model import load_model, shipped_model
 from ertis_detector.paper import NUM_FEATURES
+from ertis_detector.proposals import propose
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
 from ertis_driver.frame import DEFAULT_NUM_WORDS
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.clutter import Clutter
+from ertis_simulator.dataset import random_scene
 from ertis_simulator.landmark import Dish
 from ertis_simulator.room import Room
 from ertis_simulator.scene import DishObject, Pose, Scene
@@ -128,6 +130,22 @@ def test_the_scanner_hears_a_dish_where_its_rings_come_from():
     assert loudest.location.range_m == pytest.approx(ring_m, abs=0.015)
     assert np.rad2deg(loudest.location.azimuth_rad) == pytest.approx(-10.0, abs=1.0)
     assert ears.features(baseband, [loudest]).shape == (1, NUM_FEATURES)
+
+
+def test_a_strong_reflectors_sidelobes_and_floor_echoes_are_no_candidates():
+    ears, dropped = scanner(), 0
+    for number in range(6):
+        loud = random_scene(6, number)
+        samples = loud.hear(0, DEFAULT_NUM_WORDS, CHIRP)
+        _, scape = ears.image(PdmDecoder().decode(samples).audio)
+        proposals = propose(scape, max_count=8, min_snr_db=14.0, max_azimuth_rad=MAX_AZIMUTH_RAD)
+        _, found = ears.candidates(PdmDecoder().decode(samples).audio)
+        dropped += len(proposals) - len(found)
+        for one in found:
+            weaker = [other for other in found if other.snr_db < one.snr_db - 12.0]
+            for other in weaker:
+                assert abs(other.location.range_m - one.location.range_m) > 0.2
+    assert dropped > 0
 
 
 def test_a_model_for_another_chirp_is_refused(detector):
