@@ -30,6 +30,8 @@ ComplexArray = npt.NDArray[np.complex128]
 
 log = logging.getLogger(__name__)
 
+_Scatter = Callable[[FloatArray, FloatArray, FloatArray], ComplexArray]  # tilts, azimuth between
+
 _FAR = 1e5  # aperture radii: wavefronts there are flat over a dish
 _HEADING_RAD = np.deg2rad([0.0, 30.0, 60.0, 90.0])
 _WIDEST_RAD = 0.6
@@ -83,17 +85,16 @@ def sample(depth_ratio: float, plan: Plan) -> ComplexArray:
     for ka in frequencies_ka(plan):
         directions = [pairs(tilt, ka, plan) for tilt in TILTS_RAD]
         cap = CapOptics(depth_ratio, ka)
+        scatter: _Scatter = cap.far_field
         if plan.is_exact:
             scatter = Screen.build(CapMeridian(cap.radius, cap.half_opening), ka).amplitude
-        else:
-            scatter = cap.far_field
         found.append([_scattered(scatter, there, back) for there, back in directions])
         log.info("depth ratio %s: ka %.1f of %.0f", depth_ratio, ka, plan.highest_ka)
     return np.array(found)
 
 
 def _scattered(
-    scatter: Callable[[FloatArray, FloatArray, FloatArray], ComplexArray],
+    scatter: _Scatter,
     there: FloatArray,
     back: FloatArray,
 ) -> ComplexArray:
