@@ -6,7 +6,7 @@ import pytest
 
 from ertis_daemon.cli import main
 from ertis_simulator.errors import SceneError
-from ertis_simulator.validation import air_checks, pdm_checks, wave_checks
+from ertis_simulator.validation import air_checks, dish_checks, pdm_checks, wave_checks
 from ertis_simulator.validation.check import Check, as_row
 from ertis_simulator.validation.measure import bits, density, in_bands, run_shares
 from ertis_simulator.validation.page import checks_table, fill, rows_table
@@ -22,6 +22,12 @@ def test_air_is_that_of_the_standards(check):
 @pytest.mark.parametrize("row", air_checks.PRINTED_DB_KM, ids=str)
 def test_every_printed_absorption_is_met_to_its_last_digit_but_one(row):
     assert air_checks.computed_db_km(*row[:3]) == pytest.approx(row[3], rel=0.005)
+
+
+def test_the_dish_of_scenes_is_that_of_boundary_elements():
+    found = dish_checks.checks()
+    assert [as_row(check) for check in found if not check.agrees] == []
+    assert len(found) == 11
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +131,7 @@ def test_a_row_without_limit_is_told_only():
 def test_validate_rewrites_a_page_draws_and_succeeds(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     page = tmp_path / "page.md"
-    names = ("air", "waves", "modulator")
+    names = ("dish", "air", "waves", "modulator")
     page.write_text("\n".join(f"<!-- {name} -->\n<!-- end {name} -->" for name in names))
     assert main(["validate", "--page", str(page), "--images", str(tmp_path / "img")]) == 0
     assert "first null" in page.read_text()

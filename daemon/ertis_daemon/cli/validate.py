@@ -34,12 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print every table; exit 1 if a figure is further off than allowed."""
-    from ertis_simulator.validation import air_checks, pdm_checks, wave_checks
+    from ertis_simulator.validation import air_checks, dish_checks, pdm_checks, wave_checks
     from ertis_simulator.validation.page import checks_table, fill, rows_table
     from ertis_simulator.validation.real_ping import compare, figures, pooled
     from ertis_simulator.validation.twin import twin
 
-    groups = {"air": air_checks, "waves": wave_checks, "modulator": pdm_checks}
+    groups = {
+        "dish": dish_checks,
+        "air": air_checks,
+        "waves": wave_checks,
+        "modulator": pdm_checks,
+    }
     checks = {name: module.checks() for name, module in groups.items()}
     tables = {name: checks_table(found) for name, found in checks.items()}
     failed = sum(not check.agrees for found in checks.values() for check in found)
