@@ -43,7 +43,7 @@ def draw_frequency(path: Path, lengths: dict[int, npt.NDArray[np.complex128]]) -
         image = axis.pcolormesh(
             FREQUENCIES_HZ / 1e3, TILTS_DEG, level_db, vmin=-50, vmax=0, rasterized=True
         )
-        axis.set(title=f"r{radius_mm}", xlabel="frequency (kHz)")
+        axis.set(title=f"r{radius_mm}, simulated", xlabel="frequency (kHz)")
     axes[0].set_ylabel("tilt (degrees)")
     figure.colorbar(image, ax=axes, label="target strength (dB re 1 m)")
     figure.savefig(path, dpi=80)
@@ -71,7 +71,9 @@ def draw_time(path: Path, lengths: dict[int, npt.NDArray[np.complex128]]) -> Non
         axis.set(title=f"r{radius_mm}", xlabel="after the vertex (us)", xlim=(-1000, 500))
     axes[0].set(ylabel="tilt (degrees)", ylim=(0, 180))
     figure.colorbar(image, ax=axes, label="echo (dB re 1 m), 20-80 kHz")
-    figure.suptitle("red ticks: vertex, rings of two and three bounces by closed form", fontsize=9)
+    figure.suptitle(
+        "simulated; red ticks: vertex, rings of two and three bounces by closed form", fontsize=9
+    )
     figure.savefig(path, dpi=80)
     plt.close(figure)
 
