@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(REASON is not None, reason=str(REASON))
 
 ADDRESS = "usb:0483:5740"
 AT = 51_300  # in mid-frame, and in mid-packet
-IMPATIENT = {"timeout_s": 0.5, "frame_timeout_s": 0.5}
+IMPATIENT = {"timeout_s": 1.5, "frame_timeout_s": 1.5}
 
 
 def device(emulator, kind="none", serial="ERTIS001", **fault):

@@ -1,5 +1,6 @@
 """What the project's own code does with the emulated device; prints what it met, as JSON."""
 
+import faulthandler
 import json
 import sys
 import time
@@ -10,6 +11,8 @@ import usb.backend.libusb1
 from ertis_driver.device import Settings
 from ertis_driver.errors import ErtisError
 from ertis_driver.open import open_device
+
+HANGS_S = 60  # no case takes that long, whatever the load
 
 
 def main(address, num_pings, options):
@@ -33,4 +36,5 @@ def main(address, num_pings, options):
     print(json.dumps(met))
 
 
+faulthandler.dump_traceback_later(HANGS_S, exit=True)
 main(sys.argv[1], int(sys.argv[2]), json.loads(sys.argv[3]))

@@ -4,6 +4,7 @@ SPEC: command, log (file), devices [{port, serial, product, fault}], fault {kind
 replug_s, mode}.
 """
 
+import faulthandler
 import json
 import os
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 
 from usbfs import CdcAcm, GLib, TtyIoctls, UMockdev
 
+HANGS_S = 75  # after job.py has said where it is
 DEVICE = bytes.fromhex("120100020200004083044057000201020301")
 CONFIG = bytes.fromhex(
     "09024300020100803209040000010202010005240010010524010001042402020524060001"
@@ -114,4 +116,5 @@ def main():
     sys.exit(codes[0])
 
 
+faulthandler.dump_traceback_later(HANGS_S, exit=True)
 main()

@@ -100,17 +100,24 @@ class CdcAcm(UMockdev.IoctlBase):
         self.unplug()
 
     def do_handle_ioctl(self, client):
+        # umockdev asks in a thread of its own. Bytes and timers come in the main loop's: were both
+        # at work, a timer could run out before reap() noted whom it is for, and libusb would wait
+        # for ever.
+        GLib.idle_add(self.handle, client, priority=GLib.PRIORITY_DEFAULT)
+        return True
+
+    def handle(self, client):
         request, arg = client.get_request() & 0xFFFFFFFF, client.get_arg()
         if request in (REAP, REAP_NO_DELAY):
             self.reap(client, arg)
-            return True
+            return False
         try:
             if self.gone and request != DISCARD:
                 raise OSError(errno.ENODEV, "gone")
             client.complete(self.answer(request, arg), 0)
         except OSError as error:
             client.complete(-1, error.errno)
-        return True
+        return False
 
     def answer(self, request, arg):
         if request == CAPABILITIES:
@@ -249,9 +256,13 @@ class CdcAcm(UMockdev.IoctlBase):
 
     def reap(self, client, arg):
         self.fill()
-        if not self.answer_reap(client, arg):
+        if self.answer_reap(client, arg):
+            return
+        if self.pending:
             # umockdev's file is always ready: without a pause libusb would spin.
             self.waiting = client, arg, GLib.timeout_add(REAP_PAUSE_MS, self.wake)
+        else:
+            client.complete(-1, errno.EAGAIN)
 
     def wake(self):
         if self.waiting is not None:
