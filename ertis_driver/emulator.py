@@ -203,9 +203,10 @@ class Emulator(Closing):
         self._edges.clear()
         if self._pty is None:
             return
-        self._pty.close()
-        self._pty = None
+        # First: once the client has closed its end too, the path may be another device's.
         if self._link is not None:
             self._link.unlink(missing_ok=True)
+        self._pty.close()
+        self._pty = None
         # What has no power forgets.
         self.state.reset()

@@ -15,7 +15,7 @@ from fault_campaign import draw_case, name_of, run_campaign, table
 from ertis_driver import protocol
 from ertis_driver.chirp import Chirp
 from ertis_driver.device import ExternalTrigger, Settings
-from ertis_driver.emulator import MAX_EDGES, Emulator
+from ertis_driver.emulator import MAX_EDGES, POLL_S, Emulator
 from ertis_driver.errors import DeviceError, DeviceLost, DeviceTimeout, FrameCorrupt
 from ertis_driver.ertis_device import open_serial
 from ertis_driver.fault_plan import DrawnFaults, NamedFaults, parse_fault
@@ -32,7 +32,8 @@ def emulator_with(source, *texts, **options):
 
 
 def open_short(path):
-    device = open_serial(str(path), timeout_s=0.2, frame_timeout_s=0.3)
+    # A pty on a busy machine may take half a second for a frame.
+    device = open_serial(str(path), timeout_s=1.0, frame_timeout_s=2.0)
     device.configure(SHORT)
     return device
 
@@ -172,10 +173,12 @@ def test_a_device_unplugged_in_mid_frame_comes_back_under_its_link(source, tmp_p
     assert not link.is_symlink()
 
 
-def test_a_device_unplugged_for_ever_ends_the_emulator(source):
-    with emulator_with(source, "vanish@frame=0,byte=9") as emulator:
+def test_a_device_unplugged_for_ever_takes_its_link_along_and_ends_the_emulator(source, tmp_path):
+    link = tmp_path / "ertis"
+    with emulator_with(source, "vanish@frame=0,byte=9", link=link) as emulator:
         with open_short(emulator.path) as device, pytest.raises(DeviceLost):
             device.ping()
+        assert not link.is_symlink(), "the path may be another device's by now"
         emulator._thread.join(DEADLINE_S)
         assert not emulator._thread.is_alive()
 
@@ -223,14 +226,17 @@ def test_edges_on_the_enabled_pin_give_frames_unasked_and_at_once(emulator, sour
     os.write(port, b"!G,131072,0,0\n!J,1,2,0\n!H,1,0,0\n")
     assert len(read_bytes(port, 12)) == 12
     emulator.trigger(1)  # not enabled: nothing comes of it
-    started_s = time.monotonic()
+    waited_s = []
     for index in range(100):
+        started_s = time.monotonic()
         emulator.trigger(2)
+        select.select([port], [], [], DEADLINE_S)
+        waited_s.append(time.monotonic() - started_s)
         frame = protocol.decode_frame(read_bytes(port, FRAME_BYTES))
         assert frame.index == index
         np.testing.assert_array_equal(frame.words, source.words(index, 32_768, active=True))
-    # A serving thread that only looks every 50 ms would take 5 s.
-    assert time.monotonic() - started_s < 3.0
+    # Busy machines are slow, but one that is not woken is never faster than its next look.
+    assert min(waited_s) < POLL_S / 2
 
 
 def test_edges_that_nobody_reads_the_frames_of_are_dropped_not_hoarded(emulator, source, port):
@@ -251,7 +257,7 @@ def test_an_emulator_that_babbles_or_stalls_stops_at_once(source):
             read_bytes(fd, 100)
             started_s = time.monotonic()
         os.close(fd)
-        assert time.monotonic() - started_s < 2.0
+        assert time.monotonic() - started_s < DEADLINE_S
 
 
 @pytest.fixture
