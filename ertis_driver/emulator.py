@@ -153,12 +153,16 @@ class Emulator(Closing):
             os.write(self._wake_in, b"\0")
 
     def _step(self, pty: _Pty, stop: threading.Event) -> None:
-        writers = [pty.master] if self._outbox.wants_to_write else []
         patience_s = min(POLL_S, self._outbox.due_in_s(time.monotonic()))
-        readable, _, _ = select.select([pty.master, self._wake_out], writers, [], patience_s)
-        if self._wake_out in readable:
+        # Not select.select: it knows no descriptor beyond 1023.
+        poll = select.poll()
+        poll.register(self._wake_out, select.POLLIN)
+        writes = select.POLLOUT if self._outbox.wants_to_write else 0
+        poll.register(pty.master, select.POLLIN | writes)
+        ready = dict(poll.poll(1000.0 * patience_s))
+        if self._wake_out in ready:
             os.read(self._wake_out, READ_BYTES)
-        if pty.master in readable:
+        if ready.get(pty.master, 0) & select.POLLIN:
             self._receive(pty)
         self._take_edges()
         gone = self._outbox.advance(writer(pty.master), time.monotonic())

@@ -26,6 +26,7 @@ from ertis_driver.errors import (
 from ertis_driver.links.link import left_s
 
 NOMINAL_BAUD = 115_200  # USB CDC-ACM ignores it
+MAX_POLL_MS = 2**31 - 1  # what poll takes: 24 days
 
 
 class SerialLink:
@@ -87,16 +88,14 @@ class SerialLink:
             while sent < len(data):
                 self._check_open()
                 try:
-                    woken, ready, _ = select.select(
-                        [self._wake_read], [self._fd], [], left_s(deadline)
-                    )
-                    if ready and not woken:
+                    ready = self._wait(select.POLLOUT, deadline)
+                    if ready and not self._closing:
                         sent += os.write(self._fd, data[sent:])
                 except BlockingIOError:
                     continue
                 except (OSError, termios.error) as error:
                     raise self._lost(error) from error
-                if not (ready or woken):
+                if not ready:
                     raise DeviceTimeout(
                         f"{self._name} took {sent} of {len(data)} bytes in time: ping again; "
                         "replug it if that persists"
@@ -119,12 +118,9 @@ class SerialLink:
             while True:
                 self._check_open()
                 try:
-                    ready, _, _ = select.select(
-                        [self._fd, self._wake_read], [], [], left_s(deadline)
-                    )
-                    if not ready:
+                    if not self._wait(select.POLLIN, deadline):
                         return 0
-                    if self._wake_read in ready:
+                    if self._closing:
                         continue
                     # pyserial's read would drop what it has when the device goes away.
                     count = os.readv(self._fd, [buffer])
@@ -153,6 +149,14 @@ class SerialLink:
             os.close(self._wake_read)
             os.close(self._wake_write)
             self._fd = self._wake_read = self._wake_write = -1
+
+    def _wait(self, event: int, deadline: float) -> bool:
+        """Whether the port is ready, has gone away, or is being closed, by the deadline."""
+        # Not select.select: it knows no descriptor beyond 1023.
+        poll = select.poll()
+        poll.register(self._fd, event)
+        poll.register(self._wake_read, select.POLLIN)
+        return bool(poll.poll(min(1000.0 * left_s(deadline), MAX_POLL_MS)))
 
     def _check_open(self) -> None:
         if self._closing:

@@ -20,13 +20,13 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from fault_session import ASKED, UNASKED, Outcome, Session
+from fault_session import ASKED, TIMEOUT_S, UNASKED, Outcome, Session
 
 from ertis_driver.fault_plan import draw_fault
 from ertis_driver.protocol import frame_bytes
 
 NUM_PROCESSES = 2
-NUM_THREADS = 16  # a case mostly waits for a timeout
+NUM_THREADS = 32  # a case mostly waits for a timeout; 22 file descriptors each, of 1024
 CASE_DEADLINE_S = 60.0  # hundreds of times what a case takes
 FRAME_BYTES = frame_bytes(32_768)
 
@@ -74,9 +74,9 @@ def draw_case(seed: int, number: int):
         # Where the framing is.
         fault = replace(fault, byte=int(rng.choice([*range(8), *range(-4, 0)]) % FRAME_BYTES))
     if kind == "stall":
-        fault = replace(fault, seconds=round(float(rng.uniform(0.0, 0.3)), 3))
+        fault = replace(fault, seconds=round(float(rng.uniform(0.0, 4 * TIMEOUT_S)), 3))
     if kind == "babble":
-        fault = replace(fault, seconds=round(float(rng.uniform(0.0, 0.4)), 3))
+        fault = replace(fault, seconds=round(float(rng.uniform(0.0, 5 * TIMEOUT_S)), 3))
     if kind == "vanish":
         fault = replace(fault, away=round(float(rng.uniform(0.0, 0.05)), 3))
     return fault, unit, int(rng.integers(1000))

@@ -23,8 +23,8 @@ from ertis_driver.faults import Fault
 CHIRP = Chirp("hyperbolic", 50_000.0, 25_000.0, 0.00015)  # 68 DAC samples: configured in 1 ms
 ASKED = Settings(CHIRP, NUM_WORDS)
 UNASKED = Settings(CHIRP, NUM_WORDS, external_trigger=ExternalTrigger(pin=1))
-TIMEOUT_S = 0.08  # what a pty on a busy machine may take
-FRAME_TIMEOUT_S = 0.1
+TIMEOUT_S = 0.4  # what a pty on a busy machine may take
+FRAME_TIMEOUT_S = 0.6
 MAX_ATTEMPTS = 40
 REPLUG_S = 20.0  # what is unplugged for 50 ms is back by then, however busy the machine
 PINGS_BEFORE_CONFIGURE = 3

@@ -1,6 +1,7 @@
 """The serial link on a pty: what is left when the cable goes, at any byte."""
 
 import os
+import resource
 import threading
 import time
 
@@ -8,7 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ertis_driver.device import Settings
+from ertis_driver.emulator import Emulator
 from ertis_driver.errors import DeviceLost
+from ertis_driver.ertis_device import open_serial
 from ertis_driver.links import SerialLink
 
 PATIENCE_S = 10.0
@@ -110,3 +114,25 @@ def test_closing_in_another_thread_ends_what_waits_and_closes_the_descriptor(wha
     assert opened.files() == 0
     opened.link.close()
     os.close(opened.device)
+
+
+@pytest.fixture
+def thousand_files():
+    """As many open files as make the next one's descriptor larger than select knows."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY and hard < 1200:
+        pytest.skip(f"no more than {hard} files may be open here")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 1200), hard))
+    files = [os.open(os.devnull, os.O_RDONLY)]
+    while files[-1] < 1024:
+        files.append(os.dup(files[0]))
+    yield
+    for file in files:
+        os.close(file)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_a_process_with_more_than_a_thousand_open_files_can_ping(thousand_files, source):
+    with Emulator(source) as emulator, open_serial(emulator.path) as device:
+        device.configure(Settings(num_words=32_768))
+        assert device.ping().ping_index == 0
