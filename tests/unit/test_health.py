@@ -128,7 +128,7 @@ def test_the_direct_path_saturates_the_nearest_microphones_and_nothing_else_does
     assert {6, 22} <= {channel.row for channel in saturated} < ALL
     for channel in saturated:
         assert channel.saturated_s < 0.25e-3
-        assert channel.saturated_until_s < 1e-3
+        assert channel.saturated_until_s < 1.5e-3  # the chirp passes its loudest at 1 ms
     assert health(passive).saturated == ()
 
 
