@@ -71,16 +71,16 @@ def test_a_frontal_landmark_is_reported_where_and_as_what_it_is(detector, seed):
 
 
 def test_a_landmark_to_the_left_has_positive_azimuth(detector):
-    found = detector.detect(audio_of(scene(landmark(70, 1.8, 12.0))))
+    found = detector.detect(audio_of(scene(landmark(70, 1.8, 8.0))))
     assert len(found) == 1
-    assert np.rad2deg(found[0].azimuth_rad) == pytest.approx(12.0, abs=1.5)
+    assert np.rad2deg(found[0].azimuth_rad) == pytest.approx(8.0, abs=1.5)
     assert found[0].range_m == pytest.approx(1.8, abs=0.03)
 
 
 def test_two_landmarks_are_two_detections_most_probable_first(detector):
-    there = scene(landmark(35, 1.5, 15.0), landmark(70, 2.4, -12.0))
+    there = scene(landmark(48, 1.6, 8.0), landmark(35, 2.4, -5.0))
     found = detector.detect(audio_of(there))
-    assert sorted(one.label for one in found) == ["r35", "r70"]
+    assert sorted(one.label for one in found) == ["r35", "r48"]
     best = [one.probabilities[one.label] for one in found]
     assert best == sorted(best, reverse=True)
 
@@ -92,7 +92,7 @@ def test_far_clutter_is_seldom_taken_for_a_landmark(detector):
         clutter = Clutter.scatter((4.0, 5.5), (-2.5, 2.5), 8.0, rng)
         assert clutter.points.positions_m.size
         reports += len(detector.detect(audio_of(scene(clutter=clutter), ping)))
-    assert reports <= 3  # its card says 0.12 false alarms a ping
+    assert reports <= 2  # its card says 0.12 false alarms a ping
 
 
 def test_an_empty_room_reports_none(detector):
