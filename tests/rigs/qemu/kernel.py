@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import lzma
+import re
 import shutil
 import subprocess
 import tempfile
@@ -106,8 +107,9 @@ def _unpack(package: Path, scratch: Path) -> Kernel:
     for module in MODULES:
         search = [str(_tool("modprobe")), "-d", str(root), "-S", version, "--show-depends", module]
         for line in _run(search, scratch).splitlines():
-            if line.startswith("insmod "):
-                order[_copy_module(Path(line.split()[1]), made / "modules")] = None
+            # The checkout's path may hold spaces; options may follow.
+            if found := re.match(r"insmod (.+\.ko(\.\w+)?)", line):
+                order[_copy_module(Path(found[1]), made / "modules")] = None
     lines = [f"{name} {OPTIONS.get(name, '')}\n" for name in order]
     (made / "modules" / "order").write_text("".join(lines))
     final = CACHE / version
