@@ -14,6 +14,15 @@ GAP_ALLOWANCE = 1_000
 Step = Literal["next", "again", "restart"]
 
 
+def missing_between(last: int, index: int) -> int:
+    """Pings missing between two that were heard one after the other; 0 if the counter fell back.
+
+    For whoever does not know how fast pings can come: a ``PingCounter`` judges by time as well.
+    """
+    step = (index - last) % INDEX_MODULUS
+    return step - 1 if 0 < step < INDEX_MODULUS // 2 else 0
+
+
 class PingCounter:
     """Counts lost pings by the gaps in the index, modulo 2**32.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -136,12 +137,7 @@ class ReconnectingSonar(Closing):
         NotConfigured, DeviceTimeout, FrameCorrupt
             As the device does.
         """
-        with self._turn:
-            sonar = self._present()
-            try:
-                return sonar.ping(active=active)
-            except DeviceLost as error:
-                raise self._went_away(sonar, error) from error
+        return self._frame_of(lambda sonar: sonar.ping(active=active))
 
     def wait_frame(self, timeout_s: float) -> PdmFrame:
         """Return the next frame of the external trigger; wait for the device if it is away.
@@ -155,12 +151,7 @@ class ReconnectingSonar(Closing):
         NotConfigured, DeviceTimeout, FrameCorrupt
             As the device does.
         """
-        with self._turn:
-            sonar = self._present()
-            try:
-                return sonar.wait_frame(timeout_s)
-            except DeviceLost as error:
-                raise self._went_away(sonar, error) from error
+        return self._frame_of(lambda sonar: sonar.wait_frame(timeout_s))
 
     def close(self) -> None:
         """Give the device back and end a wait for it. May be called twice, and from any thread."""
@@ -169,6 +160,14 @@ class ReconnectingSonar(Closing):
             sonar, self._sonar = self._sonar, None
         if sonar is not None:
             sonar.close()
+
+    def _frame_of(self, ask: Callable[[Sonar], PdmFrame]) -> PdmFrame:
+        with self._turn:
+            sonar = self._present()
+            try:
+                return ask(sonar)
+            except DeviceLost as error:
+                raise self._went_away(sonar, error) from error
 
     def _went_away(self, sonar: Sonar, error: DeviceLost) -> DeviceError:
         sonar.close()

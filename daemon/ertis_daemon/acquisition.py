@@ -11,11 +11,11 @@ from ertis_daemon.status import Status
 from ertis_driver.device import Sonar
 from ertis_driver.errors import DeviceTimeout, EndOfRecording, FrameCorrupt, PingLost
 from ertis_driver.frame import PdmFrame
+from ertis_driver.ping_counter import missing_between
 
 log = logging.getLogger(__name__)
 
 MAX_TIMEOUTS = 5  # in a row; a sonar silent for longer is not coming back by itself
-INDEX_RANGE = 2**32
 
 
 class Acquisition(threading.Thread):
@@ -105,7 +105,5 @@ class Acquisition(threading.Thread):
     def _count(self, index: int) -> None:
         self._status.pings_heard += 1
         if self._last_index is not None:
-            step = (index - self._last_index) % INDEX_RANGE
-            if 0 < step < INDEX_RANGE // 2:  # otherwise the counter was set back
-                self._status.pings_lost += step - 1
+            self._status.pings_lost += missing_between(self._last_index, index)
         self._last_index = index

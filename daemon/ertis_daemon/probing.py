@@ -14,8 +14,8 @@ from ertis_driver.direct_path import DirectPath, find_direct_path
 from ertis_driver.errors import DeviceTimeout, EndOfRecording, FrameCorrupt, SettingsError
 from ertis_driver.frame import PDM_RATE_HZ, PdmFrame
 from ertis_driver.health import ChannelState, PingHealth, check_ping
+from ertis_driver.ping_counter import missing_between
 
-INDEX_RANGE = 2**32
 # Saturated past the chirp's own length plus this (17 cm of range), it is no direct path.
 SATURATED_AFTER_CHIRP_S = 1e-3
 
@@ -163,7 +163,5 @@ class Prober:
 
     def _count_skipped(self, index: int) -> None:
         if self._last_index is not None:
-            step = (index - self._last_index) % INDEX_RANGE
-            if 0 < step < INDEX_RANGE // 2:  # otherwise the counter was set back
-                self._probe.skipped += step - 1
+            self._probe.skipped += missing_between(self._last_index, index)
         self._last_index = index

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ertis_driver.ping_counter import GAP_ALLOWANCE, PingCounter
+from ertis_driver.ping_counter import GAP_ALLOWANCE, PingCounter, missing_between
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, GAP_ALLOWANCE))
@@ -48,3 +48,11 @@ def test_after_forgetting_any_index_may_come(index):
     counter.forget()
     assert counter.take(index) == "next"
     assert counter.pings_lost == 0
+
+
+@pytest.mark.parametrize(
+    ("last", "index", "missing"),
+    [(0, 1, 0), (5, 9, 3), (2**32 - 2, 1, 2), (7, 7, 0), (7, 3, 0), (0, 2**31, 0)],
+)
+def test_what_is_missing_between_two_pings(last, index, missing):
+    assert missing_between(last, index) == missing
