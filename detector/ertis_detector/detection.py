@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -33,6 +34,8 @@ class Detection:
         Of (range, azimuth, elevation); m2, m rad, rad2.
     snr_db : float
         Peak of the energyscape over its noise floor, dB.
+    tilt_rad : float
+        Angle between the dish's axis and the line of sight; NaN where the echo does not tell.
     """
 
     label: str
@@ -42,6 +45,7 @@ class Detection:
     elevation_rad: float
     covariance: tuple[tuple[float, float, float], ...]
     snr_db: float
+    tilt_rad: float = math.nan
 
     @property
     def radius_m(self) -> float | None:

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from ertis_detector.detection import NONE, UNKNOWN, Detection, radius_m
 from ertis_detector.errors import DetectorError
+from ertis_detector.features import features
 from ertis_detector.fragment import FRAGMENT_SAMPLES
 from ertis_detector.imaging import Complex, Energyscape, Float, Focus, Imager, MatchedFilter, plane
 from ertis_detector.locate import Location, locate
 from ertis_detector.model import Model
-from ertis_detector.paper import features
 from ertis_detector.proposals import Proposal, propose
 
 MAX_PROPOSALS = 8  # a frame with eight must still fit into one ping period

@@ -16,7 +16,7 @@ from safetensors.numpy import save
 from ertis_detector.classifier import OneVersusOne
 from ertis_detector.detection import NONE
 from ertis_detector.errors import ModelError, ModelMismatch
-from ertis_detector.paper import FEATURE_VERSION, NUM_FEATURES
+from ertis_detector.features import FEATURE_VERSION, NUM_FEATURES
 
 MODEL_FORMAT = "ertis-model/1"
 MAX_MODEL_BYTES = 1_000_000

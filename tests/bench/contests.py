@@ -17,8 +17,8 @@ from ertis_daemon.pipeline import DetectorPipeline, Heard, build_pipeline
 from ertis_detector.classifier import fit
 from ertis_detector.detector import LandmarkDetector, Scanner
 from ertis_detector.errors import ModelMismatch
+from ertis_detector.features import NUM_FEATURES
 from ertis_detector.model import Model, ModelCard
-from ertis_detector.paper import NUM_FEATURES
 from ertis_detector.proposals import propose
 from ertis_detector.tracker import Tracker
 from ertis_driver.audio import PdmDecoder

@@ -5,8 +5,8 @@ import pytest
 
 from ertis_detector.detector import MAX_AZIMUTH_RAD, LandmarkDetector, Scanner
 from ertis_detector.errors import DetectorError, ModelMismatch
+from ertis_detector.features import NUM_FEATURES
 from ertis_detector.model import load_model, shipped_model
-from ertis_detector.paper import NUM_FEATURES
 from ertis_detector.proposals import propose
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.audio_filter import FILTER_VERSION

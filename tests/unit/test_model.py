@@ -8,6 +8,7 @@ from safetensors.numpy import save
 
 from ertis_detector.classifier import OneVersusOne
 from ertis_detector.errors import ModelError, ModelMismatch
+from ertis_detector.features import NUM_FEATURES
 from ertis_detector.model import (
     MAX_MODEL_BYTES,
     Model,
@@ -18,7 +19,6 @@ from ertis_detector.model import (
     save_model,
     shipped_model,
 )
-from ertis_detector.paper import NUM_FEATURES
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
 

@@ -1,4 +1,4 @@
-"""The paper's features: 20 linearly spaced spectral bins of a tapered fragment, 30-100 kHz.
+"""What the classifier sees of a fragment: after the paper, 20 spectral bins, 30-100 kHz.
 
 The text leaves open which microphone is taken, the taper, the filter and the scaling. Here: the
 beam toward the proposal, after pulse compression (the raw crop is shorter than the chirp and shows

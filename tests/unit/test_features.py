@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ertis_detector.air import Air
+from ertis_detector.features import BAND_HZ, NUM_BINS, NUM_FEATURES, features, spectral_bins
 from ertis_detector.fragment import FRAGMENT_SAMPLES, hann, taper
 from ertis_detector.imaging import AUDIO_RATE_HZ, RATE_HZ
-from ertis_detector.paper import BAND_HZ, NUM_BINS, NUM_FEATURES, features, spectral_bins
 from ertis_detector.piston import piston_pattern
 
 CARRIER_HZ = 55e3
