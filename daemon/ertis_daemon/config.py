@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from ertis_daemon.ros2.config import Ros2Config
 from ertis_daemon.yaml_load import ConfigError, Marks, load, option, section
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp, ChirpKind
 from ertis_driver.device import Settings
@@ -90,6 +91,9 @@ class ZenohConfig:
     listen: tuple[str, ...] = option(
         ("tcp/localhost:0",), "locators to listen on; port 0 is any free one", check=_check_locators
     )
+    tls: str = option(
+        "", "folder of ca.pem, cert.pem and key.pem, for a router that asks for them; mode client"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,9 @@ class Config:
     chirp: ChirpConfig = section(ChirpConfig, "the emitted sweep")
     detector: DetectorConfig = section(DetectorConfig, "what recognises landmarks")
     zenoh: ZenohConfig = section(ZenohConfig, "how to reach the network")
+    ros2: Ros2Config = section(
+        Ros2Config, "messages for ROS 2, without ROS; needs the extra 'ros2'"
+    )
     num_words: int = option(
         DEFAULT_NUM_WORDS, "PDM words to listen for, a multiple of 32768; 163840 reach 6.2 m", low=1
     )

@@ -16,6 +16,7 @@ from zenoh import ext
 
 from ertis_daemon.config import ZenohConfig
 from ertis_daemon.events import ENCODING, LandmarkEvent, dump_json, json_schema
+from ertis_daemon.tls import tls_values
 from ertis_driver.closing import Closing
 from ertis_driver.errors import ErtisError
 
@@ -34,16 +35,23 @@ class PublisherError(ErtisError):
 
 
 def session_config(
-    mode: str, connect: tuple[str, ...] | list[str], listen: tuple[str, ...] | list[str]
+    mode: str,
+    connect: tuple[str, ...] | list[str],
+    listen: tuple[str, ...] | list[str],
+    tls: str = "",
 ) -> zenoh.Config:
     """Describe a session as rmw_zenoh makes it: no multicast, time stamps, no shared memory.
+
+    ``tls`` is the folder of the certificate, for a router that asks for one.
 
     Raises
     ------
     PublisherError
         If a value is not understood.
+    TlsError
+        If the certificate cannot be used.
     """
-    values = {
+    values: dict[str, Any] = {
         "mode": mode,
         "connect/endpoints": list(connect),
         "listen/endpoints": [] if mode == "client" else list(listen),
@@ -51,6 +59,8 @@ def session_config(
         "timestamping/enabled": True,  # an AdvancedPublisher needs it
         "transport/shared_memory/enabled": False,  # zenoh#2628, zenoh#2787
     }
+    if tls:
+        values["transport/link/tls"] = tls_values(tls, mode, connect)
     config: zenoh.Config = zenoh.Config()
     try:
         for key, value in values.items():
@@ -127,7 +137,9 @@ class ZenohPublisher(Closing):
 
     def __enter__(self) -> Self:
         session = open_session(
-            session_config(self._config.mode, self._config.connect, self._config.listen)
+            session_config(
+                self._config.mode, self._config.connect, self._config.listen, self._config.tls
+            )
         )
         with ExitStack() as stack:
             stack.callback(close_session, session)

@@ -14,6 +14,7 @@ from ertis_daemon.cli.signals import stop_on_signals
 if TYPE_CHECKING:
     from ertis_daemon.config import Config
     from ertis_daemon.pipeline import Pipeline
+    from ertis_daemon.service import Publisher
     from ertis_driver.device import Settings, Sonar
 
 
@@ -56,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
             )
         )
         flag = stack.enter_context(stop_on_signals())
-        status = Service(sonar, pipeline, publisher, config, flag.event).run()
+        publishers = _with_ros2(publisher, config, sonar, stack)
+        status = Service(sonar, pipeline, publishers, config, flag.event).run()
     counters = status.to_json()
     if args.json:
         print(dump_json(counters).decode())
@@ -67,6 +69,27 @@ def run(args: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     return 130 if flag.interrupted else 0
+
+
+def _with_ros2(publisher: Publisher, config: Config, sonar: Sonar, stack: ExitStack) -> Publisher:
+    """Return the publisher, joined by one for ROS 2 if that is switched on."""
+    if not config.ros2.enabled:
+        return publisher
+    from ertis_daemon.ros2.extra import require
+
+    require()
+    from ertis_daemon.fan_out import FanOut
+    from ertis_daemon.publisher import session_config
+    from ertis_daemon.ros2.node import RosNode
+    from ertis_daemon.ros2.publisher import Ros2Publisher
+
+    network, device = config.zenoh, config.device
+    described = session_config(network.mode, network.connect, network.listen, network.tls)
+    node = stack.enter_context(RosNode(config.ros2, described))
+    ros2 = Ros2Publisher(
+        node, device.name, frame_id=device.frame_id, hardware_id=sonar.info.address
+    )
+    return FanOut(publisher, ros2)
 
 
 def _config(args: argparse.Namespace) -> Config:
