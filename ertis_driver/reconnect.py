@@ -125,6 +125,19 @@ class ReconnectingSonar(Closing):
                 self._settings = None
                 raise
 
+    def wait_connected(self) -> None:
+        """Wait for the device if it is away, and open it again; does not ping.
+
+        Raises
+        ------
+        PingLost
+            If it was not back in time.
+        DeviceLost
+            After ``close``.
+        """
+        with self._turn:
+            self._present()
+
     def ping(self, *, active: bool = True) -> PdmFrame:
         """Ping and wait for the frame, and before that for the device if it is away.
 

@@ -5,23 +5,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from ertis_daemon.ros2.config import Ros2Config
-from ertis_daemon.yaml_load import ConfigError, Marks, load, option, section
+from ertis_daemon.yaml_example import write_yaml
+from ertis_daemon.yaml_load import option, section
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp, ChirpKind
-from ertis_driver.device import Settings
-from ertis_driver.errors import SettingsError
+from ertis_driver.device import ExternalTrigger, Settings
 from ertis_driver.frame import DEFAULT_NUM_WORDS
-
-__all__ = ["Config", "ConfigError", "example_yaml", "load_config", "parse_config"]
 
 SPEED_AT_0_C_M_S = 331.3  # dry air at 0 degrees Celsius
 
 
-def _check_chunk(value: str) -> str | None:
+def check_chunk(value: str) -> str | None:
+    """What is wrong with a chunk of a Zenoh key; None if nothing is."""
     if not value or any(c in "/*?#$@" or c.isspace() or not c.isprintable() for c in value):
         return f"{value!r}, expected a Zenoh key chunk: not empty, no / * ? # $ @ and no blanks"
     return None
@@ -39,17 +38,33 @@ def _check_locators(values: tuple[str, ...]) -> str | None:
     return None
 
 
+def _check_host(value: str) -> str | None:
+    host, colon, port = value.rpartition(":")
+    if not value or (host and colon and port.isdigit() and int(port) < 65536):
+        return None
+    return f"{value!r}, expected HOST:PORT such as localhost:9464"
+
+
+RecordOn = Literal["new", "lost", "dead"]
+PingOn = Literal["timer", "pin1", "pin2", "command"]
+
+
 @dataclass(frozen=True, slots=True)
 class DeviceConfig:
     """Which sonar, and what it is called on the network."""
 
-    name: str = option("ertis", "keys on Zenoh are ertis/NAME/...", check=_check_chunk)
+    name: str = option("ertis", "keys on Zenoh are ertis/NAME/...", check=check_chunk, own="{name}")
     address: str = option(
         "serial:/dev/ertis0",
         "serial:PORT, serial:sn=NUMBER, usb:VID:PID, replay:FILE or sim:SCENE",
         check=_check_filled,
     )
-    frame_id: str = option("sonar", "coordinate frame named in events", check=_check_filled)
+    frame_id: str = option(
+        "sonar",
+        "coordinate frame named in events; NAME_sonar for one of several that says no other",
+        check=_check_filled,
+        own="{name}_sonar",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +92,36 @@ class DetectorConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class PoseConfig:
+    """Where the sonar sits on the robot: x forward, y left, z up; turned by yaw, pitch, roll."""
+
+    parent_frame: str = option("", "frame that the pose is told in; empty for no transform")
+    x_m: float = option(0.0, "forward, m")
+    y_m: float = option(0.0, "to the left, m")
+    z_m: float = option(0.0, "up, m")
+    roll_deg: float = option(0.0, "about x, degrees", low=-360, high=360)
+    pitch_deg: float = option(0.0, "about y, degrees; positive looks down", low=-360, high=360)
+    yaw_deg: float = option(0.0, "about z, degrees; positive looks left", low=-360, high=360)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordConfig:
+    """Frames kept for when something happens. Nothing is recorded unless asked for."""
+
+    folder: str = option("", "where recordings go; empty for the service's state folder")
+    on: tuple[RecordOn, ...] = option(
+        (), "what starts a recording by itself: new (landmark), lost (landmark), dead (microphone)"
+    )
+    before_s: float = option(2.0, "s of pings from before it that are recorded", low=0, high=60)
+    after_s: float = option(1.0, "s of pings from after it", low=0, high=600)
+    memory_mb: int = option(64, "of pings kept for that, at most", low=1, high=4096)
+    folder_mb: int = option(
+        1000, "of this sonar's recordings, at most; the oldest are removed", low=1
+    )
+    keep_free_mb: int = option(200, "of the disk, which recordings leave free", low=0)
+
+
+@dataclass(frozen=True, slots=True)
 class ZenohConfig:
     """How to reach the network."""
 
@@ -94,26 +139,43 @@ class ZenohConfig:
     tls: str = option(
         "", "folder of ca.pem, cert.pem and key.pem, for a router that asks for them; mode client"
     )
+    raw: bool = option(False, "offer whole frames on ertis/NAME/raw, 18 MB/s to each subscriber")
+    commands: bool = option(
+        False, "obey ertis/NAME/cmd/...: anybody on the network may then ping, record and reload"
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class Config:
-    """All of it. Angles and temperatures are in degrees here, as people say them."""
+class PrometheusConfig:
+    """Counters for Prometheus; needs the extra 'prometheus'."""
+
+    listen: str = option("", "HOST:PORT to serve /metrics on; empty for none", check=_check_host)
+
+
+@dataclass(frozen=True, slots=True)
+class SonarConfig:
+    """One sonar. Angles and temperatures are in degrees here, as people say them."""
 
     device: DeviceConfig = section(DeviceConfig, "which sonar, and what it is called")
+    pose: PoseConfig = section(PoseConfig, "where it sits on the robot")
     chirp: ChirpConfig = section(ChirpConfig, "the emitted sweep")
     detector: DetectorConfig = section(DetectorConfig, "what recognises landmarks")
-    zenoh: ZenohConfig = section(ZenohConfig, "how to reach the network")
-    ros2: Ros2Config = section(
-        Ros2Config, "messages for ROS 2, without ROS; needs the extra 'ros2'"
-    )
+    record: RecordConfig = section(RecordConfig, "pings kept for when something happens")
     num_words: int = option(
         DEFAULT_NUM_WORDS, "PDM words to listen for, a multiple of 32768; 163840 reach 6.2 m", low=1
     )
     temperature_c: float = option(
         20.0, "of the air, degrees Celsius; sets the speed of sound", low=-60, high=80
     )
-    ping_rate_hz: float = option(0.0, "pings a second; 0 for as fast as it goes", low=0, high=100)
+    ping_on: PingOn = option(
+        "timer", "what pings: timer, an edge on pin1 or pin2 of the device, or command (cmd/ping)"
+    )
+    ping_rate_hz: float = option(
+        0.0, "pings a second of the timer; 0 for as fast as it goes", low=0, high=100
+    )
+    take_turns: str = option(
+        "", "sonars with the same word here ping one after the other, so as not to hear each other"
+    )
     queue_size: int = option(
         2, "pings that may wait to be processed; a live sonar drops the oldest", low=1, high=64
     )
@@ -134,73 +196,38 @@ class Config:
         """
         c = self.chirp
         chirp = Chirp(c.kind, c.f_start_hz, c.f_stop_hz, c.duration_s, c.ramp, c.dac_rate_hz)
-        return Settings(chirp=chirp, num_words=self.num_words)
+        pins = {"pin1": 1, "pin2": 2}
+        trigger = ExternalTrigger(pins[self.ping_on]) if self.ping_on in pins else None
+        return Settings(chirp=chirp, num_words=self.num_words, external_trigger=trigger)
 
     def to_json(self) -> dict[str, Any]:
         """Return the effective values, as served on Zenoh."""
         return dataclasses.asdict(self)
 
 
-def parse_config(data: bytes, name: str = "config") -> Config:
-    """Read a configuration from YAML text.
+@dataclass(frozen=True, slots=True)
+class Config(SonarConfig):
+    """All of it. What is said of the sonar holds for each of ``sonars``, unless it says else."""
 
-    Raises
-    ------
-    ConfigError
-        With every error found, one a line: ``name:line:column: key: what is wrong``.
-    """
-    marks = Marks(name)
-    config = load(Config, data, marks)
-    try:
-        Chirp(**dataclasses.asdict(config.chirp))
-    except SettingsError as error:
-        marks.add("chirp", str(error))
-    try:
-        Settings(num_words=config.num_words)
-    except SettingsError as error:
-        marks.add("num_words", str(error))
-    marks.raise_errors()
-    return config
+    zenoh: ZenohConfig = section(ZenohConfig, "how to reach the network")
+    ros2: Ros2Config = section(Ros2Config, "messages for ROS 2; needs the extra 'ros2', no ROS")
+    prometheus: PrometheusConfig = section(PrometheusConfig, "counters for Prometheus")
+    sonars: Mapping[str, SonarConfig] = field(
+        default_factory=dict,
+        metadata={
+            "doc": "several sonars, by name: each with the keys above that it has of its own, as\n"
+            "sonars: {front: {device: {address: 'serial:sn=1'}, ping_rate_hz: 5}, rear: {...}}"
+        },
+    )
 
-
-def load_config(path: Path) -> Config:
-    """Read a configuration file.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read, or with every error in it.
-    """
-    try:
-        with path.open("rb") as file:
-            data = file.read(64 * 1024 + 1)  # never all of a wrong file
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from error
-    return parse_config(data, str(path))
+    def each_sonar(self) -> tuple[SonarConfig, ...]:
+        """The sonars; without ``sonars`` it is the one described."""
+        if self.sonars:
+            return tuple(self.sonars.values())
+        names = [spec.name for spec in dataclasses.fields(SonarConfig)]
+        return (SonarConfig(**{name: getattr(self, name) for name in names}),)
 
 
 def example_yaml(config: Config | None = None) -> str:
     """Write a configuration, or the defaults, as commented YAML that reads back equal."""
-    return "\n".join(_example_lines(config or Config(), "")) + "\n"
-
-
-def _example_lines(node: Any, indent: str) -> list[str]:
-    lines = []
-    for spec in dataclasses.fields(node):
-        value = getattr(node, spec.name)
-        lines.append(f"{indent}# {spec.metadata['doc']}")
-        if dataclasses.is_dataclass(value):
-            lines += [f"{indent}{spec.name}:", *_example_lines(value, indent + "  "), ""]
-        else:
-            lines.append(f"{indent}{spec.name}: {_yaml_text(value)}")
-    return lines
-
-
-def _yaml_text(value: Any) -> str:
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_yaml_text(item) for item in value) + "]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return "'" + value.replace("'", "''") + "'"
-    return repr(value)
+    return write_yaml(config or Config())

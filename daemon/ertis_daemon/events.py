@@ -20,7 +20,9 @@ Covariance = tuple[Row, Row, Row]
 
 def _item(doc: str, unit: str = "", **limits: Any) -> Any:
     key = limits.pop("key", None)
-    return field(metadata={"doc": doc, "unit": unit, "limits": limits, "key": key})
+    default = limits.pop("default", dataclasses.MISSING)
+    meta = {"doc": doc, "unit": unit, "limits": limits, "key": key}
+    return field(default=default, metadata=meta)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,13 @@ class LandmarkReport:
     covariance: Covariance = _item("of (range, azimuth, elevation), 3 rows of 3", "m2, m rad, rad2")
     snr_db: float = _item("peak of the echo over its noise floor", "dB")
     radius_m: float | None = _item("aperture radius of the class; null for unknown", "m", minimum=0)
+    tilt_rad: float = _item(
+        "angle between the dish's axis and the line of sight; null where the echo does not tell",
+        "rad",
+        minimum=0,
+        maximum=math.pi,
+        default=math.nan,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ class FrameQueue:
     """
 
     def __init__(self, size: int, *, keep_newest: bool) -> None:
-        self.drops = 0
+        self._drops = 0
         self._items: deque[HeardPing] = deque()
         self._size = size
         self._keep_newest = keep_newest
@@ -45,7 +45,7 @@ class FrameQueue:
             while len(self._items) >= self._size and not self._abandoned:
                 if self._keep_newest:
                     self._items.popleft()
-                    self.drops += 1
+                    self._drops += 1
                 else:
                     self._changed.wait()
             self._items.append(ping)
@@ -85,6 +85,12 @@ class FrameQueue:
             if self._error is not None:
                 raise self._error
             return None
+
+    def take_drops(self) -> int:
+        """How many pings were dropped since this was last asked."""
+        with self._changed:
+            drops, self._drops = self._drops, 0
+            return drops
 
     @property
     def finished(self) -> bool:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ertis_daemon.config import Config
+from ertis_daemon.config import SonarConfig
 from ertis_detector.detection import Detection
-from ertis_driver.audio import PdmDecoder, whole_samples
+from ertis_driver.audio import DecodedAudio, PdmDecoder, whole_samples
 from ertis_driver.device import Settings
 from ertis_driver.errors import SettingsError
 from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PDM_RATE_HZ, PdmFrame
@@ -43,6 +43,7 @@ class Heard:
 
     tracks: Sequence[TrackLike]
     half_words_repaired: int = 0
+    decoded: DecodedAudio | None = None  # until the next ping: its memory is used again
 
 
 class Pipeline(Protocol):
@@ -82,6 +83,7 @@ class DetectorPipeline:
         self._detector = detector
         self._tracker = tracker
         self._audio = np.empty((NUM_MICS, 0), np.float32)  # every ping's: fresh memory is slow
+        self._steps_ns = 0
         self.model_name = model_name
         self.classes = classes
 
@@ -94,11 +96,13 @@ class DetectorPipeline:
             self._audio = np.empty((NUM_MICS, num_samples + 16), np.float32)[:, :num_samples]
         decoded = self._decoder.decode(words, self._audio)
         detections = self._detector.detect(decoded.audio)
-        tracks = self._tracker.update(detections, frame.ping_time_ns)
-        return Heard(tracks, decoded.half_words_repaired)
+        # For the tracker time goes on as it did, whatever the host's clock is set to.
+        self._steps_ns += frame.clock_step_ns
+        tracks = self._tracker.update(detections, frame.ping_time_ns - self._steps_ns)
+        return Heard(tracks, decoded.half_words_repaired, decoded)
 
 
-def build_pipeline(config: Config, settings: Settings) -> DetectorPipeline:
+def build_pipeline(config: SonarConfig, settings: Settings) -> DetectorPipeline:
     """Build the pipeline that fits a configuration.
 
     Parameters

@@ -1,4 +1,4 @@
-"""YAML text to frozen dataclasses: parsed by the type of the field, every error with its line.
+"""YAML nodes to frozen dataclasses: parsed by the type of the field, every error with its line.
 
 PyYAML's loaders guess a type from the text, and guess wrong in silence: ``4.5e6`` is text to them,
 ``on`` is true, ``1:30`` is 90, ``010`` is 8, and of two equal keys the last one wins. Here only its
@@ -13,15 +13,12 @@ import math
 import re
 import types
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
-from ertis_driver.errors import ErtisError
-
-MAX_BYTES = 64 * 1024  # a whole configuration is 3 kB; more is a wrong file
-MAX_DEPTH = 8  # the deepest one of ours is 3
+from ertis_daemon.yaml_nodes import Marks, is_null, key_name, place_of
 
 T = TypeVar("T")
 Check = Callable[[Any], "str | None"]
@@ -29,11 +26,6 @@ Check = Callable[[Any], "str | None"]
 _INT = re.compile(r"[+-]?[0-9]+(_[0-9]+)*")
 _FLOAT = re.compile(r"[+-]?([0-9]+(_[0-9]+)*\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _BOOLS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
-_NULLS = ("", "~", "null", "Null", "NULL")
-
-
-class ConfigError(ErtisError):
-    """The configuration is wrong: correct the lines named, one error a line."""
 
 
 def option(
@@ -43,6 +35,7 @@ def option(
     low: float | None = None,
     high: float | None = None,
     check: Check | None = None,
+    own: str = "",
 ) -> Any:
     """Declare a field of a configuration dataclass.
 
@@ -56,8 +49,11 @@ def option(
         Bounds, both allowed values.
     check
         Says what is wrong with a value, or None.
+    own
+        Its default for one of several named sections, ``{name}`` in it; there it is never that of
+        the section around them.
     """
-    meta = {"doc": doc, "low": low, "high": high, "check": check}
+    meta = {"doc": doc, "low": low, "high": high, "check": check, "own": own}
     return field(default=default, metadata=meta)
 
 
@@ -67,116 +63,42 @@ def section(kind: type[T], doc: str) -> T:
     return made  # type: ignore[no-any-return]
 
 
-@dataclass(slots=True)
-class Marks:
-    """Where each key stands and what was wrong; ``path`` is dotted, empty for the whole file."""
+def load(kind: type[T], node: yaml.Node | None, marks: Marks, path: str = "") -> T:
+    """Read one dataclass; what is wrong goes into ``marks``, its default is used.
 
-    name: str
-    errors: list[tuple[int, int, str]] = field(default_factory=list)
-    places: dict[str, tuple[int, int]] = field(default_factory=dict)
-
-    def add(self, path: str, message: str, place: tuple[int, int] | None = None) -> None:
-        """Note an error at ``place``, or where ``path`` or the section around it stands."""
-        outer = path
-        while place is None:
-            place = self.places.get(outer) or (None if outer else (1, 1))
-            outer = outer.rpartition(".")[0]
-        self.errors.append((*place, f"{path}: {message}" if path else message))
-
-    def raise_errors(self) -> None:
-        """Raise all errors at once, in the order of their lines.
-
-        Raises
-        ------
-        ConfigError
-            If there are any.
-        """
-        if self.errors:
-            lines = (f"{self.name}:{line}:{col}: {text}" for line, col, text in sorted(self.errors))
-            raise ConfigError("\n".join(lines))
-
-
-class _Composer(yaml.SafeLoader):
-    """Composes nodes; refuses what a configuration needs not and a parser suffers from."""
-
-    depth = 0
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        mark = event.start_mark
-        if isinstance(event, yaml.AliasEvent):
-            raise yaml.MarkedYAMLError(problem="aliases are not allowed", problem_mark=mark)
-        if getattr(event, "tag", None) is not None:
-            raise yaml.MarkedYAMLError(problem="tags are not allowed", problem_mark=mark)
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            problem = f"nested deeper than {MAX_DEPTH} levels"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
-
-
-def load(kind: type[T], data: bytes, marks: Marks) -> T:
-    """Read one dataclass from YAML; what is wrong goes into ``marks``, its default is used.
-
-    Raises
-    ------
-    ConfigError
-        If the text is no YAML at all, too large or too deep.
+    Parameters
+    ----------
+    node
+        None for all defaults.
+    path
+        Dotted, in front of the keys in messages.
     """
-    node = _compose(data, marks)
     if node is None:
         return kind()
-    value: T = _section(kind, node, "", marks)
+    value: T = _section(kind, node, path, marks)
     return value
 
 
-def _compose(data: bytes, marks: Marks) -> yaml.Node | None:
-    try:
-        if len(data) > MAX_BYTES:
-            raise ConfigError(f"{marks.name}: larger than {MAX_BYTES} bytes, is it the right file?")
-        return yaml.compose(data.decode("utf-8-sig"), Loader=_Composer)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f"{mark.line + 1}:{mark.column + 1}" if mark else "1:1"
-        raise ConfigError(f"{marks.name}:{place}: {error.problem or error.context}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"{marks.name}:1:1: not UTF-8 YAML text: {reason}") from error
-
-
-def _place(node: yaml.Node) -> tuple[int, int]:
-    return node.start_mark.line + 1, node.start_mark.column + 1
-
-
-def _is_null(node: yaml.Node) -> bool:
-    return isinstance(node, yaml.ScalarNode) and not node.style and node.value in _NULLS
-
-
 def _section(kind: type, node: yaml.Node, path: str, marks: Marks) -> Any:
-    if _is_null(node):  # all of its lines are comments
+    if is_null(node):  # all of its lines are comments
         return kind()
     if not isinstance(node, yaml.MappingNode):
-        marks.add(path, "expected 'key: value' lines", _place(node))
+        marks.add(path, "expected 'key: value' lines", place_of(node))
         return kind()
     hints = get_type_hints(kind)
     fields = {f.name: f for f in dataclasses.fields(kind)}
     values: dict[str, Any] = {}
     for key_node, value_node in node.value:
-        key = key_node.value if isinstance(key_node, yaml.ScalarNode) else "?"
+        key = key_name(key_node)
         where = f"{path}.{key}" if path else key
         if key not in fields:
-            marks.add(where, _unknown(key, list(fields)), _place(key_node))
-        elif where in marks.places:
-            first = marks.places[where][0]
-            marks.add(where, f"given twice, first in line {first}", _place(key_node))
+            marks.add(where, _unknown(key, list(fields)), place_of(key_node))
         else:
-            marks.places[where] = _place(key_node)
+            marks.places[where] = place_of(key_node)
             try:
                 values[key] = _value(hints[key], fields[key], value_node, where, marks)
             except ValueError as error:
-                marks.add(where, str(error), _place(value_node))
+                marks.add(where, str(error), place_of(value_node))
     return kind(**values)
 
 
@@ -215,7 +137,7 @@ def _scalar(hint: Any, node: yaml.Node) -> Any:
     if not isinstance(node, yaml.ScalarNode):
         raise ValueError("expected one value, found a list or section")
     text = str(node.value)
-    if _is_null(node):
+    if is_null(node):
         raise ValueError(
             "no value; leave the key out for its default"
             + (", or write '' for none" if hint is str else "")

@@ -4,28 +4,27 @@ import contextlib
 import json
 import socket
 import time
-from dataclasses import dataclass
 
 import zenoh
 
 from ertis_daemon.events import LandmarkEvent, LandmarkReport
-from ertis_daemon.publisher import session_config
 from ertis_daemon.ros2.config import Ros2Config
 from ertis_daemon.ros2.node import RosNode
 from ertis_daemon.ros2.publisher import Ros2Publisher
+from ertis_daemon.zenoh_session import session_config
 
 DOMAIN = 77
 
 
-@dataclass
-class Mounting:
-    parent_frame: str = "base_link"
-    x_m: float = 0.2
-    y_m: float = 0.0
-    z_m: float = 0.5
-    roll_deg: float = 0.0
-    pitch_deg: float = 0.0
-    yaw_deg: float = 90.0
+INFO = {"address": "serial:sn=1"}
+MOUNTED = INFO | {
+    "transform": {
+        "parent_frame_id": "base_link",
+        "child_frame_id": "sonar",
+        "translation_m": [0.2, 0.0, 0.5],
+        "rotation_xyzw": [0.0, 0.0, 0.7071067811865476, 0.7071067811865476],
+    }
+}
 
 
 def report(track_id=1, state="update", **changes):
@@ -81,10 +80,8 @@ def open_router():
 
 
 @contextlib.contextmanager
-def ros2_publisher(port, mounting=None, environ=None, **config):
+def ros2_publisher(port, info=INFO, environ=None, **config):
     settings = {"domain_id": DOMAIN, "namespace": "/robot1", "dock_class": "r48"} | config
     session = session_config("peer", [f"tcp/127.0.0.1:{port}"], ["tcp/127.0.0.1:0"])
     with RosNode(Ros2Config(enabled=True, **settings), session, environ or {}) as node:
-        yield Ros2Publisher(
-            node, "t", frame_id="sonar", hardware_id="serial:sn=1", mounting=mounting
-        )
+        yield Ros2Publisher(node, "t", info)

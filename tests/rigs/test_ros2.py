@@ -8,10 +8,9 @@ import time
 
 import pytest
 import zenoh
-from ros2_rig import DOMAIN, Mounting, landmark_event, open_router, report, ros2_publisher
+from ros2_rig import DOMAIN, MOUNTED, landmark_event, open_router, report, ros2_publisher
 from zenoh import ext
 
-from ertis_daemon.fan_out import FanOut
 from ertis_daemon.ros2 import wire
 
 DEADLINE_S = 10.0
@@ -64,7 +63,7 @@ def hear(subscriber, publish):
 
 
 def test_node_and_publishers_are_seen_while_they_live(port, reader):
-    with ros2_publisher(port, mounting=Mounting()):
+    with ros2_publisher(port, info=MOUNTED):
         found = wait_for(lambda: (met := tokens(reader)) and len(met) == 5 and met)
         kinds = sorted(token.split("/")[5] for token in found)
         assert kinds == ["MP"] * 4 + ["NN"]
@@ -93,7 +92,7 @@ def test_each_message_carries_its_number_time_and_publisher(port, reader):
 
 
 def test_a_late_joiner_gets_the_static_transform(port, reader):
-    with ros2_publisher(port, mounting=Mounting()):
+    with ros2_publisher(port, info=MOUNTED):
         subscriber = ext.declare_advanced_subscriber(
             reader,
             f"{DOMAIN}/tf_static/**",
@@ -118,7 +117,7 @@ def test_the_dock_is_published_while_it_is_heard_and_no_longer(port, reader):
         assert subscriber.try_recv() is None
 
 
-def test_without_a_dock_class_diagnostics_topic_or_mounting_there_is_one_publisher(port, reader):
+def test_without_a_dock_class_diagnostics_topic_or_transform_there_is_one_publisher(port, reader):
     with ros2_publisher(port, dock_class="", diagnostics_topic="") as publisher:
         publisher.publish_status({"pings_heard": 1})
         assert len(wait_for(lambda: (met := tokens(reader)) and len(met) == 2 and met)) == 2
@@ -145,30 +144,6 @@ def test_ros_users_may_name_network_and_domain_in_the_environment(port, reader):
     }
     with ros2_publisher(1, domain_id=-1, environ=environ):
         assert wait_for(lambda: tokens(reader))
-
-
-class Recorder:
-    def __init__(self, error=None):
-        self.calls, self.error = [], error
-
-    def publish(self, event):
-        self.calls.append(event)
-        if self.error:
-            raise self.error
-
-    publish_status = publish
-
-    def close(self):
-        self.publish("closed")
-
-
-def test_a_publisher_that_fails_does_not_keep_the_others_from_their_event():
-    bad, good = Recorder(RuntimeError("boom")), Recorder()
-    both = FanOut(bad, good)
-    for call in (lambda: both.publish("e"), lambda: both.publish_status({}), both.close):
-        with pytest.raises(RuntimeError, match="boom"):
-            call()
-    assert good.calls == bad.calls == ["e", {}, "closed"]
 
 
 def run_daemon(tmp_path, config, *, without=""):

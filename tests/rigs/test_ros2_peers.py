@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from ros2_rig import DOMAIN, Mounting, landmark_event, open_router, ros2_publisher
+from ros2_rig import DOMAIN, MOUNTED, landmark_event, open_router, ros2_publisher
 
 from ertis_daemon.ros2 import messages
 
@@ -104,7 +104,7 @@ def hear(peers_python, tmp_path):
     times_ns = []
 
     def run(script, *arguments):
-        where = {"mounting": Mounting()} if script == "sdk_peer.py" else {}
+        where = {"info": MOUNTED} if script == "sdk_peer.py" else {}
         with open_router() as port, ros2_publisher(port, **where) as publisher:
             peer = Peer(peers_python, script, port, DOMAIN, *arguments)
 

@@ -16,8 +16,9 @@ from zenoh import ext
 from ertis_daemon.config import Config, DeviceConfig, ZenohConfig
 from ertis_daemon.events import LandmarkEvent, LandmarkReport
 from ertis_daemon.pipeline import Heard
-from ertis_daemon.publisher import PublisherError, ZenohPublisher
+from ertis_daemon.publisher import ZenohPublisher
 from ertis_daemon.service import Service
+from ertis_daemon.zenoh_session import Network, PublisherError
 from ertis_detector.detection import Detection
 from ertis_driver.open import open_device
 
@@ -64,7 +65,10 @@ def publisher(locator):
     config = ZenohConfig(connect=(), listen=(locator,))
     info = {"version": "1", "model": "m"}
     effective = Config().to_json()
-    with ZenohPublisher("t", config, info=info, effective_config=effective) as publisher:
+    with (
+        Network(config) as network,
+        ZenohPublisher(network.session, "t", info=info, effective_config=effective) as publisher,
+    ):
         yield publisher
 
 
@@ -170,11 +174,8 @@ def test_a_port_taken_and_bad_locators_are_one_line(publisher, locator):
         (ZenohConfig(mode="client", connect=("tcp/127.0.0.1:1",)), "Unable to connect"),
         (ZenohConfig(mode="client", connect=()), "No peer"),
     ]:
-        with (
-            pytest.raises(PublisherError, match=words) as caught,
-            ZenohPublisher("t", config, info={}, effective_config={}),
-        ):
-            pass
+        with pytest.raises(PublisherError, match=words) as caught:
+            Network(config)
         assert "\n" not in str(caught.value)
         assert ".rs" not in str(caught.value)
 
@@ -228,9 +229,10 @@ def test_the_emulate_command_names_its_port_first_and_answers_there(tmp_path):
 def test_a_process_that_fails_while_publishing_exits_at_once():
     code = (
         "from ertis_daemon.publisher import ZenohPublisher\n"
+        "from ertis_daemon.zenoh_session import Network\n"
         "from ertis_daemon.config import ZenohConfig\n"
         "c = ZenohConfig(connect=(), listen=('tcp/127.0.0.1:0',))\n"
-        "with ZenohPublisher('t', c, info={}, effective_config={}):\n"
+        "with Network(c) as n, ZenohPublisher(n.session, 't', info={}, effective_config={}):\n"
         "    print('up', flush=True)\n"
         "    raise RuntimeError('boom')\n"
     )

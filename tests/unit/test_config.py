@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 from ertis_daemon.config import (
     ChirpConfig,
     Config,
-    ConfigError,
     DeviceConfig,
+    RecordConfig,
+    SonarConfig,
     ZenohConfig,
     example_yaml,
-    load_config,
-    parse_config,
 )
+from ertis_daemon.config_read import load_config, parse_config
+from ertis_daemon.layers import Sources
+from ertis_daemon.yaml_nodes import ConfigError
 from ertis_driver.device import Settings
 
 
@@ -118,3 +120,162 @@ def test_a_missing_file_is_named(tmp_path):
 def test_sound_is_faster_in_warm_air():
     assert math.isclose(Config().speed_of_sound_m_s, 343.2, abs_tol=0.1)
     assert Config(temperature_c=0.0).speed_of_sound_m_s == 331.3
+
+
+TWO = b"""\
+device: {name: robot, frame_id: head}
+temperature_c: 25
+zenoh: {commands: true}
+sonars:
+  front:
+    device: {address: 'serial:sn=1'}
+  rear:
+    device: {address: 'usb:sn=2', frame_id: tail}
+    temperature_c: 5
+    ping_on: command
+    pose: {parent_frame: base_link, x_m: -0.3, yaw_deg: 180}
+"""
+
+
+def test_a_sonar_is_as_all_are_but_for_what_it_says_itself():
+    config = parse_config(TWO)
+    front, rear = config.each_sonar()
+    assert (front.device.name, rear.device.name) == ("front", "rear")
+    assert (front.device.frame_id, rear.device.frame_id) == ("front_sonar", "tail")
+    assert (front.temperature_c, rear.temperature_c) == (25, 5)
+    assert (front.ping_on, rear.ping_on) == ("timer", "command")
+    assert rear.pose.yaw_deg == 180
+    assert parse_config(example_yaml(config).encode()) == config
+
+
+def test_without_sonars_the_one_described_is_all_there_is():
+    (sonar,) = parse_config(b"device: {name: me}\nqueue_size: 5\n").each_sonar()
+    assert type(sonar) is SonarConfig
+    assert (sonar.device.name, sonar.queue_size) == ("me", 5)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("sonars: [a]", "x.yaml:1:9: sonars: expected 'name:' lines"),
+        ("sonars: {a/b: {}}", "x.yaml:1:10: sonars: 'a/b', expected a Zenoh key chunk"),
+        (
+            "sonars: {a: {device: {name: b}}}",
+            "x.yaml:1:23: sonars.a.device.name: 'b', but its key is its name",
+        ),
+        ("sonars: {a: 3}", "x.yaml:1:13: sonars.a: expected 'key: value' lines"),
+        ("sonars: {a: {zenoh: {}}}", "x.yaml:1:14: sonars.a.zenoh: unknown key"),
+        ("sonars: {a: {chirp: {ramp: 2}}}", "x.yaml:1:28: sonars.a.chirp.ramp: 2.0, expected 0 to"),
+        ("sonars: {a: {}, a: {}}", "x.yaml:1:17: sonars.a: given twice, first in line 1"),
+        ("ping_on: command", "x.yaml:1:1: ping_on: command, which needs zenoh.commands: true"),
+        ("record: {on: [new, old]}", "x.yaml:1:14: record.on: 'old', expected one of new, lost"),
+        (
+            "prometheus: {listen: 9464}",
+            "x.yaml:1:22: prometheus.listen: '9464', expected HOST:PORT",
+        ),
+        (
+            "device: {address: 'usb:sn=1'}\nsonars: {a: {}, b: {}}",
+            "x.yaml:2:17: sonars.b: the same device.address as 'a' has",
+        ),
+    ],
+)
+def test_what_is_wrong_with_several_sonars_is_said_once_with_its_place(text, expected):
+    (line,) = errors_of(text)
+    assert line.startswith(expected)
+
+
+def test_an_error_in_what_all_sonars_share_is_said_once():
+    assert errors_of("queue_size: 0\ndevice: {address: 'sim:x'}\nsonars: {a: {}, b: {}}") == [
+        "x.yaml:1:13: queue_size: 0, expected 1 to 64"
+    ]
+
+
+@pytest.fixture
+def layered(tmp_path):
+    """Files of the machine, of the user and on the command line; a function that reads them."""
+
+    def load(system="", user="", named=None, environment=None, flags=None):
+        (tmp_path / "ertis").mkdir(exist_ok=True)
+        (tmp_path / "system.yaml").write_text(system)
+        (tmp_path / "ertis/ertis.yaml").write_text(user)
+        if named is not None:
+            (tmp_path / "named.yaml").write_text(named)
+        sources = Sources(
+            file=None if named is None else tmp_path / "named.yaml",
+            flags=flags,
+            system_file=tmp_path / "system.yaml",
+            environment={"XDG_CONFIG_HOME": str(tmp_path), **(environment or {})},
+        )
+        return sources.load()
+
+    load.folder = tmp_path
+    return load
+
+
+def test_each_layer_wins_over_the_one_before_key_by_key(layered):
+    config = layered(
+        system="device: {name: a, address: 'sim:a'}\nqueue_size: 1\nmax_pings: 1\nnum_words: 32768",
+        user="device: {name: b}\nqueue_size: 2\nmax_pings: 2",
+        named="queue_size: 3\nmax_pings: 3",
+        environment={"ERTIS_QUEUE_SIZE": "4", "ERTIS_DEVICE__FRAME_ID": "", "HOME": "/nowhere"}
+        | {"ERTIS_DEVICE__FRAME_ID": "on", "ERTIS_ZENOH__CONNECT": "[tcp/a:1, tcp/b:2]"},
+        flags={"max_pings": "9"},
+    )
+    assert config.device == DeviceConfig(name="b", address="sim:a", frame_id="on")
+    assert (config.num_words, config.queue_size, config.max_pings) == (32_768, 4, 9)
+    assert config.zenoh.connect == ("tcp/a:1", "tcp/b:2")
+
+
+def test_no_layer_at_all_is_all_defaults(tmp_path):
+    nowhere = Sources(system_file=tmp_path / "none", environment={})
+    assert nowhere.load() == Config()
+    assert nowhere.files() == ()
+
+
+def test_the_sonars_of_a_later_file_are_all_there_are(layered):
+    config = layered(
+        system="sonars: {a: {}, b: {}}",
+        named="sonars: {c: {queue_size: 3}}",
+        environment={"ERTIS_SONARS__C__MAX_PINGS": "7"},
+    )
+    assert [(s.device.name, s.queue_size, s.max_pings) for s in config.each_sonar()] == [
+        ("c", 3, 7)
+    ]
+    assert layered(system="sonars: {a: {}}", named="sonars: {}").sonars == {}
+
+
+def test_errors_of_all_layers_are_told_together_each_with_its_own_place(layered):
+    with pytest.raises(ConfigError) as caught:
+        layered(
+            system="queue_size: 2\nqueue_size: 1\n",
+            named="chirp:\n  ramp: x\n",
+            environment={"ERTIS_DEVICE__NAM": "x", "ERTIS_MAX_PINGS": "two"},
+            flags={"device.name": "a/b"},
+        )
+    folder = layered.folder
+    assert sorted(str(caught.value).splitlines()) == sorted(
+        [
+            "command line: device.name: 'a/b', expected a Zenoh key chunk: not empty, no / * ? # $ "
+            "@ and no blanks",
+            f"{folder}/named.yaml:2:9: chirp.ramp: 'x', expected a finite number",
+            f"{folder}/system.yaml:2:1: queue_size: given twice, first in line 1",
+            "environment: ERTIS_DEVICE__NAM: device.nam: unknown key, did you mean 'name'?",
+            "environment: ERTIS_MAX_PINGS: max_pings: 'two', expected a whole number",
+        ]
+    )
+
+
+def test_a_file_that_is_named_must_exist(tmp_path):
+    with pytest.raises(ConfigError, match=r"none\.yaml: No such file"):
+        Sources(file=tmp_path / "none.yaml", environment={}).load()
+
+
+def test_a_broken_list_in_the_environment_is_one_line(layered):
+    with pytest.raises(ConfigError, match="environment: ERTIS_ZENOH__CONNECT") as caught:
+        layered(environment={"ERTIS_ZENOH__CONNECT": "[a"})
+    assert "\n" not in str(caught.value)
+
+
+def test_record_settings_reach_their_section():
+    config = parse_config(b"record: {on: [new, dead], before_s: 0.5}\n")
+    assert config.record == RecordConfig(on=("new", "dead"), before_s=0.5)

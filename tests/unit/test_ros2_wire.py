@@ -3,11 +3,11 @@ import struct
 import pytest
 import zenoh
 
-from ertis_daemon.config import ConfigError
-from ertis_daemon.publisher import PublisherError, session_config
+from ertis_daemon.config_read import parse_config
 from ertis_daemon.ros2 import environment, wire
 from ertis_daemon.ros2.config import Ros2Config
-from ertis_daemon.yaml_load import Marks, load
+from ertis_daemon.yaml_nodes import ConfigError
+from ertis_daemon.zenoh_session import PublisherError, session_config
 
 KIND = wire.MessageKind("vision_msgs/msg/Detection3DArray", "RIHS01_79")
 NODE = wire.Node(0, "a1b2", 0, "/robot1", "ertis")
@@ -91,10 +91,7 @@ def test_an_environment_that_is_wrong_is_one_line(tmp_path):
 
 
 def read(text):
-    marks = Marks("c")
-    config = load(Ros2Config, text.encode(), marks)
-    marks.raise_errors()
-    return config
+    return parse_config(f"ros2: {{{text}}}".encode(), "c").ros2
 
 
 @pytest.mark.parametrize(
@@ -116,4 +113,4 @@ def test_names_that_ros_does_not_take_are_refused_with_their_line(line):
 
 def test_it_is_off_by_default_and_topics_are_relative_or_absolute():
     assert not Ros2Config().enabled
-    read("detections_topic: a/b\ndiagnostics_topic: ''\ndock_topic: /dock\nnamespace: /a/b")
+    read("detections_topic: a/b, diagnostics_topic: '', dock_topic: /dock, namespace: /a/b")

@@ -137,7 +137,8 @@ def _chirp(args: argparse.Namespace, recording: Recording) -> Emission:
 def _config(args: argparse.Namespace, recording: Recording) -> Config:
     import dataclasses
 
-    from ertis_daemon.config import Config, example_yaml, parse_config
+    from ertis_daemon.config import Config, example_yaml
+    from ertis_daemon.config_read import parse_config
 
     config = Config()
     recorded = recording.info.temperature_c

@@ -1,4 +1,4 @@
-"""``ertis monitor``: print landmark events as they are published."""
+"""``ertis monitor``: what the daemons publish, as a live table or line by line."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import json
 import math
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from ertis_daemon.cli.signals import stop_on_signals
+from ertis_daemon.cli.signals import StopFlag, stop_on_signals
 
 POLL_S = 0.02  # a blocking recv would not see a signal
 EVENTS_WAITING = 1024  # half a minute at 30 a second; then the oldest is dropped
@@ -32,16 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--device", default="*", metavar="NAME", help="one sonar only")
     parser.add_argument("--json", action="store_true", help="print events as they came, JSON Lines")
+    parser.add_argument("--status", action="store_true", help="with --json: print status instead")
+    parser.add_argument(
+        "--lines", action="store_true", help="a line a landmark, on a terminal as well"
+    )
     parser.add_argument("--log", type=Path, metavar="FILE", help="also append events as JSON Lines")
     parser.add_argument("--count", type=int, default=0, metavar="N", help="end after N events")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print until stopped by a signal or ``--count``."""
-    import zenoh
-    from zenoh import ext
-
-    from ertis_daemon.publisher import close_session, open_session, session_config
+    from ertis_daemon.cli.monitor_table import LiveTable
+    from ertis_daemon.zenoh_session import close_session, open_session, session_config
 
     connect = args.connect or ["tcp/localhost:7447"]
     with ExitStack() as stack:
@@ -49,24 +51,42 @@ def run(args: argparse.Namespace) -> int:
         log = stack.enter_context(_open_log(args.log)) if args.log else None
         session = open_session(session_config(args.mode, connect, ["tcp/localhost:0"]))
         stack.callback(close_session, session)
-        subscriber = _declare(session, zenoh, ext, f"ertis/{args.device}/landmarks")
-        seen = 0
-        while not flag.event.is_set() and (seen < args.count or not args.count):
-            sample = subscriber.try_recv()
-            if sample is None:
-                time.sleep(POLL_S)
-                continue
-            seen += 1
-            payload = sample.payload.to_bytes()
-            if log:
-                log.write(payload + b"\n")
-                log.flush()
-            _show(payload, str(sample.key_expr), raw=args.json)
+        topic = "status" if args.json and args.status else "landmarks"
+        events = _declare(session, f"ertis/{args.device}/{topic}")
+        if args.json or args.lines or not sys.stdout.isatty():
+            return _follow(events, _print_raw if args.json else _print_lines, log, args.count, flag)
+        statuses = _declare(session, f"ertis/{args.device}/status")
+        table = stack.enter_context(LiveTable(statuses.try_recv))
+        return _follow(events, table.show, log, args.count, flag, table.refresh)
+
+
+def _follow(
+    events: Any,
+    show: Callable[[bytes, str], None],
+    log: Any,
+    count: int,
+    flag: StopFlag,
+    idle: Callable[[], None] | None = None,
+) -> int:
+    seen = 0
+    while not flag.event.is_set() and (seen < count or not count):
+        if idle:
+            idle()
+        sample = events.try_recv()
+        if sample is None:
+            time.sleep(POLL_S)
+            continue
+        seen += 1
+        payload = sample.payload.to_bytes()
+        if log:
+            log.write(payload + b"\n")
+            log.flush()
+        show(payload, str(sample.key_expr))
     return 130 if flag.interrupted else 0
 
 
 def _open_log(path: Path) -> Any:
-    from ertis_daemon.publisher import PublisherError
+    from ertis_daemon.zenoh_session import PublisherError
 
     try:
         return path.open("ab")
@@ -74,8 +94,11 @@ def _open_log(path: Path) -> Any:
         raise PublisherError(f"{path}: {error.strerror or error}") from error
 
 
-def _declare(session: Any, zenoh: Any, ext: Any, key: str) -> Any:
-    from ertis_daemon.publisher import PublisherError
+def _declare(session: Any, key: str) -> Any:
+    import zenoh
+    from zenoh import ext
+
+    from ertis_daemon.zenoh_session import PublisherError
 
     try:
         return ext.declare_advanced_subscriber(
@@ -89,10 +112,11 @@ def _declare(session: Any, zenoh: Any, ext: Any, key: str) -> Any:
         raise PublisherError(f"Zenoh refuses the key {key!r}") from error
 
 
-def _show(payload: bytes, key: str, *, raw: bool) -> None:
-    if raw:
-        print(payload.decode(errors="replace"), flush=True)
-        return
+def _print_raw(payload: bytes, key: str) -> None:
+    print(payload.decode(errors="replace"), flush=True)
+
+
+def _print_lines(payload: bytes, key: str) -> None:
     try:
         lines = format_event(json.loads(payload))
     except (ValueError, KeyError, TypeError) as error:
@@ -114,22 +138,30 @@ def format_event(event: Mapping[str, Any]) -> list[str]:
     clock = time.strftime("%H:%M:%S", time.localtime(seconds))
     stamp = f"{clock}.{rest_ns // 1_000_000:03d}"
     return [
-        f"{stamp}  {event['device']}  {_landmark(item)}  {event['source']}"
+        f"{stamp}  {event['device']}  {format_landmark(item)}  {event['source']}"
         for item in event["landmarks"]
     ]
 
 
-def _landmark(item: Mapping[str, Any]) -> str:
+def format_landmark(item: Mapping[str, Any]) -> str:
+    """Class, probability, range, bearing and track of one landmark; ``?`` for null.
+
+    Raises
+    ------
+    KeyError, TypeError
+        If it is none.
+    """
     label = item["class"]
-    percent = _number(item["probabilities"].get(label), 100, "3.0f")
+    percent = number(item["probabilities"].get(label), 100, "3.0f")
     bearing = " ".join(
-        _number(item[key], 180 / math.pi, "+6.1f") for key in ("azimuth_rad", "elevation_rad")
+        number(item[key], 180 / math.pi, "+6.1f") for key in ("azimuth_rad", "elevation_rad")
     )
     return (
-        f"{label:>7} {percent} %  {_number(item['range_m'], 1, '6.3f')} m  {bearing} deg  "
+        f"{label:>7} {percent} %  {number(item['range_m'], 1, '6.3f')} m  {bearing} deg  "
         f"track {item['track_id']} {item['state']:<6}"
     )
 
 
-def _number(value: float | None, factor: float, form: str) -> str:
+def number(value: float | None, factor: float, form: str) -> str:
+    """A number times a factor; ``?`` for None."""
     return "?" if value is None else format(value * factor, form)

@@ -3,123 +3,76 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import sys
-from contextlib import ExitStack
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ertis_daemon.cli.signals import stop_on_signals
 
 if TYPE_CHECKING:
-    from ertis_daemon.config import Config
-    from ertis_daemon.pipeline import Pipeline
-    from ertis_daemon.service import Publisher
-    from ertis_driver.device import Settings, Sonar
+    from ertis_daemon.serving.daemon import Daemon
+    from ertis_daemon.status import Status
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the flags; everything else is in the configuration."""
-    parser.add_argument("--config", type=Path, metavar="FILE", help="YAML; see check-config")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="YAML, see check-config; laid over /etc/ertis/ertis.yaml and the user's own",
+    )
     parser.add_argument("--address", metavar="A", help="sonar, instead of the configured one")
     parser.add_argument("--device", metavar="NAME", help="name in the Zenoh keys, likewise")
-    parser.add_argument("--max-pings", type=int, metavar="N", help="end after N pings heard")
+    parser.add_argument("--max-pings", metavar="N", help="end after N pings heard")
     parser.add_argument("--json", action="store_true", help="print the final counters as JSON")
     parser.add_argument("-v", "--verbose", action="store_true", help="log every event")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until stopped by a signal, the end of a recording or ``--max-pings``."""
-    level = logging.DEBUG if args.verbose else logging.INFO
-    logging.basicConfig(
-        level=level, stream=sys.stderr, format="%(levelname).1s %(name)s: %(message)s"
-    )
-    from ertis_daemon.events import dump_json
-    from ertis_daemon.memory import keep_freed_memory
-    from ertis_daemon.pipeline import build_pipeline
-    from ertis_daemon.publisher import ZenohPublisher
-    from ertis_daemon.service import Service
-    from ertis_driver.open import open_device
+    """Serve until stopped by a signal, the end of recordings or ``--max-pings``."""
+    daemon: Daemon | None = None
 
-    keep_freed_memory()
-    config = _config(args)
-    with ExitStack() as stack:
-        sonar = stack.enter_context(open_device(config.device.address, reconnect=True))
-        sonar.configure(config.settings())
-        settings = sonar.settings or config.settings()  # a recording keeps its own
-        pipeline = build_pipeline(config, settings)
-        publisher = stack.enter_context(
-            ZenohPublisher(
-                config.device.name,
-                config.zenoh,
-                info=_info(config, settings, sonar, pipeline),
-                effective_config=config.to_json(),
-            )
-        )
-        flag = stack.enter_context(stop_on_signals())
-        publishers = _with_ros2(publisher, config, sonar, stack)
-        status = Service(sonar, pipeline, publishers, config, flag.event).run()
-    counters = status.to_json()
-    if args.json:
-        print(dump_json(counters).decode())
-    else:
-        print(
-            f"ertis: heard {status.pings_heard} pings, {status.events} events, "
-            f"{status.queue_drops} dropped, {status.pings_lost} lost",
-            file=sys.stderr,
-        )
+    def hang_up() -> None:
+        if daemon is not None:
+            daemon.hang_up()
+
+    with stop_on_signals(hang_up=None if sys.stderr.isatty() else hang_up) as flag:
+        from ertis_daemon.layers import Sources
+        from ertis_daemon.memory import keep_freed_memory
+        from ertis_daemon.serving.daemon import Daemon
+        from ertis_daemon.serving.journal import log_to_stderr
+
+        log_to_stderr(verbose=args.verbose)
+        keep_freed_memory()
+        sources = Sources(args.config, _flags(args))
+        config = sources.load()
+        daemon = Daemon(config, flag.event, sources)
+        statuses = daemon.run()
+    _tell(statuses, as_json=args.json)
     return 130 if flag.interrupted else 0
 
 
-def _with_ros2(publisher: Publisher, config: Config, sonar: Sonar, stack: ExitStack) -> Publisher:
-    """Return the publisher, joined by one for ROS 2 if that is switched on."""
-    if not config.ros2.enabled:
-        return publisher
-    from ertis_daemon.ros2.extra import require
-
-    require()
-    from ertis_daemon.fan_out import FanOut
-    from ertis_daemon.publisher import session_config
-    from ertis_daemon.ros2.node import RosNode
-    from ertis_daemon.ros2.publisher import Ros2Publisher
-
-    network, device = config.zenoh, config.device
-    described = session_config(network.mode, network.connect, network.listen, network.tls)
-    node = stack.enter_context(RosNode(config.ros2, described))
-    ros2 = Ros2Publisher(
-        node, device.name, frame_id=device.frame_id, hardware_id=sonar.info.address
-    )
-    return FanOut(publisher, ros2)
-
-
-def _config(args: argparse.Namespace) -> Config:
-    """Return the configuration with the flags in it, checked as if they stood in the file."""
-    import dataclasses
-
-    from ertis_daemon.config import Config, example_yaml, load_config, parse_config
-
-    config = load_config(args.config) if args.config else Config()
-    device = config.device
-    if args.address is not None:
-        device = dataclasses.replace(device, address=args.address)
-    if args.device is not None:
-        device = dataclasses.replace(device, name=args.device)
-    config = dataclasses.replace(config, device=device)
-    if args.max_pings is not None:
-        config = dataclasses.replace(config, max_pings=args.max_pings)
-    return parse_config(example_yaml(config).encode(), "command line")
-
-
-def _info(config: Config, settings: Settings, sonar: Sonar, pipeline: Pipeline) -> dict[str, Any]:
-    from ertis_daemon.about import version
-
-    return {
-        "version": version(),
-        "device": config.device.name,
-        "address": sonar.info.address,
-        "firmware": sonar.info.firmware,
-        "source": sonar.info.source,
-        "chirp": settings.chirp.name,
-        "model": pipeline.model_name,
-        "classes": list(pipeline.classes),
+def _flags(args: argparse.Namespace) -> dict[str, str]:
+    """The flags as configuration keys."""
+    given = {
+        "device.address": args.address,
+        "device.name": args.device,
+        "max_pings": args.max_pings,
     }
+    return {key: text for key, text in given.items() if text is not None}
+
+
+def _tell(statuses: Mapping[str, Status], *, as_json: bool) -> None:
+    from ertis_daemon.events import dump_json
+
+    for name, status in statuses.items():
+        if as_json:
+            print(dump_json(status.to_json()).decode())
+        else:
+            print(
+                f"ertis: {name}: heard {status.pings_heard} pings, {status.events} events, "
+                f"{status.queue_drops} dropped, {status.pings_lost} lost",
+                file=sys.stderr,
+            )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -24,11 +24,14 @@ class StopFlag:
 
 
 @contextmanager
-def stop_on_signals(*, patient: bool = False) -> Iterator[StopFlag]:
+def stop_on_signals(
+    *, patient: bool = False, hang_up: Callable[[], None] | None = None
+) -> Iterator[StopFlag]:
     """Turn SIGINT, SIGTERM and SIGHUP into a flag; a second Ctrl-C raises KeyboardInterrupt.
 
     Unless ``patient``: who has processes to end, in bounded time, must not be cut short, and a
-    single Ctrl-C may well arrive twice, from the terminal and from make.
+    single Ctrl-C may well arrive twice, from the terminal and from make. SIGHUP only calls
+    ``hang_up``, if there is one: a daemon has no terminal that could close.
 
     Only for the main thread. Python runs the handler between two bytecodes of that thread, so
     what it does meanwhile must not block for long.
@@ -36,6 +39,9 @@ def stop_on_signals(*, patient: bool = False) -> Iterator[StopFlag]:
     flag = StopFlag()
 
     def handle(number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGHUP and hang_up is not None:
+            hang_up()
+            return
         if number == signal.SIGINT:
             flag.interrupted = True
             if not patient:

@@ -93,13 +93,16 @@ class Diagnosis:
     ----------
     device
         The sonar's name.
-    hardware_id
-        Which one it is: address or serial number.
+
+    Attributes
+    ----------
+    hardware_id : str
+        Which one it is: its address.
     """
 
-    def __init__(self, device: str, hardware_id: str) -> None:
+    def __init__(self, device: str) -> None:
         self._name = f"ertis: {device}"
-        self._hardware_id = hardware_id
+        self.hardware_id = ""
         self._before: dict[str, float] = {}
 
     def message(self, status: Mapping[str, Any], time_ns: int) -> Any:
@@ -114,7 +117,7 @@ class Diagnosis:
             level=level,
             name=self._name,
             message=text,
-            hardware_id=self._hardware_id,
+            hardware_id=self.hardware_id,
             values=[
                 messages.new("diagnostic_msgs/msg/KeyValue", key=key, value=_text(value))
                 for key, value in _flat(status)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import zenoh
 
-from ertis_daemon.publisher import PublisherError
 from ertis_daemon.ros2.config import MAX_DOMAIN_ID
+from ertis_daemon.zenoh_session import PublisherError
 
 DOMAIN_ID = "ROS_DOMAIN_ID"
 CONFIG_FILE = "ZENOH_SESSION_CONFIG_URI"

@@ -36,12 +36,9 @@ def line_of_sight(azimuth_rad: float, elevation_rad: float) -> Float:
     A turn by the azimuth around z, then by minus the elevation around the new y.
     """
     yaw, pitch = _finite(azimuth_rad) / 2.0, -_finite(elevation_rad) / 2.0
-    return _yaw_pitch_roll(yaw, pitch, 0.0)
-
-
-def from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float:
-    """Quaternion (x, y, z, w) of turns around the fixed x, y and z axes, in that order."""
-    return _yaw_pitch_roll(yaw_rad / 2.0, pitch_rad / 2.0, roll_rad / 2.0)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    return np.array([-sp * sy, sp * cy, cp * sy, cp * cy])
 
 
 def cartesian_covariance(
@@ -94,21 +91,6 @@ def _known(covariance: Float) -> Float:
     known[:, lost] = 0.0
     known[lost, lost] = unknown[lost]
     return known
-
-
-def _yaw_pitch_roll(yaw: float, pitch: float, roll: float) -> Float:
-    """Quaternion of half angles: roll around x, then pitch around y, then yaw around z."""
-    cy, sy = math.cos(yaw), math.sin(yaw)
-    cp, sp = math.cos(pitch), math.sin(pitch)
-    cr, sr = math.cos(roll), math.sin(roll)
-    return np.array(
-        [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ]
-    )
 
 
 def _finite(value: float) -> float:

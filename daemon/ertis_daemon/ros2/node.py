@@ -13,9 +13,9 @@ import zenoh
 from typing_extensions import Self
 from zenoh import ext
 
-from ertis_daemon.publisher import close_session, open_session
 from ertis_daemon.ros2 import environment, messages, wire
 from ertis_daemon.ros2.config import Ros2Config
+from ertis_daemon.zenoh_session import close_session, open_session
 from ertis_driver.closing import Closing
 
 log = logging.getLogger(__name__)

@@ -1,0 +1,119 @@
+"""The folder that a sonar's recordings go to, in bounded size."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import time
+from pathlib import Path
+
+from ertis_driver.errors import ErtisError
+
+log = logging.getLogger(__name__)
+
+MEGABYTE = 1_000_000
+
+
+class NoRoom(ErtisError):
+    """Nothing can be recorded: give the folder more room, or name another one."""
+
+
+def state_folder() -> Path:
+    """Where a service keeps its own: systemd's StateDirectory, or the user's.
+
+    Raises
+    ------
+    NoRoom
+        If neither is known.
+    """
+    for name, rest in (("STATE_DIRECTORY", ""), ("XDG_STATE_HOME", "ertis"), ("HOME", "")):
+        value = os.environ.get(name, "").split(":")[0]
+        if value:
+            return Path(value) / (".local/state/ertis" if name == "HOME" else rest)
+    raise NoRoom("no folder for recordings: name one as record.folder")
+
+
+class RecordingFolder:
+    """Names new recordings of one sonar and removes its oldest ones.
+
+    Parameters
+    ----------
+    path
+        Made when it is needed; empty for the service's state folder.
+    name
+        The sonar's. Files of other names are left alone.
+    max_bytes
+        Of this sonar's recordings together.
+    keep_free_bytes
+        What is left free of the disk.
+    """
+
+    def __init__(self, path: str, name: str, max_bytes: int, keep_free_bytes: int) -> None:
+        self._path = path
+        self._name = name
+        self._max_bytes = max_bytes
+        self._keep_free_bytes = keep_free_bytes
+        self._ours = re.compile(re.escape(name) + r"-\d{8}T\d{6}\.\d{3}Z-[\w-]+\.mcap")
+
+    def new_path(self, reason: str) -> Path:
+        """Name a recording: sonar, UTC time and why; nothing is written.
+
+        Raises
+        ------
+        NoRoom
+            If there is no folder and none can be made.
+        """
+        folder = Path(self._path) if self._path else state_folder()
+        now_s = time.time()
+        stamp = (
+            time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_s)) + f".{int(now_s * 1e3) % 1000:03d}Z"
+        )
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise NoRoom(f"cannot make {folder}: {error.strerror}; see record.folder") from error
+        return folder / f"{self._name}-{stamp}-{reason}.mcap"
+
+    def make_room(self, path: Path, num_bytes: int) -> None:
+        """Remove this sonar's oldest recordings until ``num_bytes`` more fit beside ``path``.
+
+        Raises
+        ------
+        NoRoom
+            If they do not fit even so.
+        """
+        try:
+            self._make_room(path, num_bytes)
+        except OSError as error:
+            raise NoRoom(f"{path.parent}: {error.strerror}") from error
+
+    def _make_room(self, path: Path, num_bytes: int) -> None:
+        sizes = {
+            file: file.stat().st_size
+            for file in sorted(path.parent.iterdir())  # by name is by time
+            if self._ours.fullmatch(file.name)
+        }
+        total = sum(sizes.values()) + num_bytes
+        for file, size in sizes.items():
+            enough = total <= self._max_bytes and self._free(path.parent) >= num_bytes
+            if enough or file == path:
+                break
+            log.info("%s is removed, to make room", file)
+            file.unlink(missing_ok=True)
+            total -= size
+        if total > self._max_bytes:
+            raise NoRoom(
+                f"{path.parent}: {total / MEGABYTE:.0f} MB of recordings of {self._name}, expected "
+                f"{self._max_bytes / MEGABYTE:.0f} or less (record.folder_mb)"
+            )
+        free = self._free(path.parent)
+        if free < num_bytes:
+            raise NoRoom(
+                f"{path.parent}: the disk would have less than "
+                f"{self._keep_free_bytes / MEGABYTE:.0f} MB free (record.keep_free_mb)"
+            )
+
+    def _free(self, folder: Path) -> int:
+        disk = os.statvfs(folder)
+        return disk.f_bavail * disk.f_frsize - self._keep_free_bytes

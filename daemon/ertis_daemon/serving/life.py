@@ -1,0 +1,241 @@
+"""The life of one sonar: waited for, opened, served, and opened again when it failed."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import Any
+
+from ertis_daemon.acquisition import Pace, PingRequests
+from ertis_daemon.config import SonarConfig
+from ertis_daemon.config_read import HARDWARE
+from ertis_daemon.pipeline import Pipeline, build_pipeline
+from ertis_daemon.recording.recorder import Recorder
+from ertis_daemon.service import Service, ServiceError
+from ertis_daemon.serving.about import sonar_info
+from ertis_daemon.serving.outputs import Publisher
+from ertis_daemon.serving.reporter import Reporter
+from ertis_daemon.status import State, Status
+from ertis_daemon.turns import Turns
+from ertis_driver.device import Settings, Sonar
+from ertis_driver.errors import (
+    DeviceBabbles,
+    DeviceBusy,
+    DeviceLost,
+    DeviceNotFound,
+    DevicePermission,
+    DeviceTimeout,
+    FrameCorrupt,
+    PingLost,
+    UploadFailed,
+)
+from ertis_driver.open import open_device
+from ertis_driver.recording import RecordingInfo
+
+log = logging.getLogger(__name__)
+
+ABSENT = (DeviceNotFound, DevicePermission, DeviceBusy, DeviceLost, PingLost)
+TROUBLED = (DeviceTimeout, DeviceBabbles, UploadFailed, FrameCorrupt, ServiceError)
+ABSENT_PAUSE_S = 0.25  # with opening and configuring, still under 2 s after the device is there
+FIRST_PAUSE_S, LAST_PAUSE_S = 0.5, 8.0  # after trouble that may stay
+POLL_S = 0.1
+
+
+def _nothing() -> None: ...
+
+
+class SonarLife(threading.Thread):
+    """Serves one sonar as long as it is not stopped, whatever the sonar does.
+
+    Hardware that is missing is waited for, hardware that fails is opened again. Anything else that
+    fails (an unknown address, a model that does not fit, a damaged recording) ends this sonar's
+    service, and only this one's.
+
+    Parameters
+    ----------
+    config
+        Of this sonar.
+    publisher
+        Stays open from one opening to the next; closed at the end.
+    turns
+        Shared with the sonars that it takes turns with; None for none.
+    can_command
+        Whether commands may come, so that pings are kept for a recording.
+    beat
+        Feeds the watchdog.
+    around
+        Added to each status message.
+
+    Attributes
+    ----------
+    status : Status
+        Since the daemon began.
+    error : Exception or None
+        What ended it for good.
+    is_settled, is_over : bool
+        The first try to open it is over; it will not be opened again.
+    """
+
+    def __init__(
+        self,
+        config: SonarConfig,
+        publisher: Publisher,
+        *,
+        turns: Turns | None = None,
+        can_command: bool = False,
+        beat: Callable[[], None] = _nothing,
+        around: Callable[[], Mapping[str, Any]] = dict,
+    ) -> None:
+        super().__init__(name=f"sonar {config.device.name}", daemon=True)
+        self.config = config
+        self.status = Status(device=config.device.name)
+        self.requests = PingRequests()
+        self.recorder = self._new_recorder(config, can_command=can_command)
+        self.error: Exception | None = None
+        self.is_settled = self.is_over = False
+        self._can_command = can_command
+        self._turns = turns
+        self._beat = beat
+        self._publisher = publisher
+        self._reporter = Reporter(self.status, publisher, around)
+        self._ended = threading.Event()
+        self._lock = threading.Lock()
+        self._next: tuple[SonarConfig, Turns | None] | None = None
+        self._run_stop = threading.Event()
+        self._pause_s = FIRST_PAUSE_S
+
+    def run(self) -> None:
+        """Serve until stopped."""
+        try:
+            while not self._ended.is_set():
+                self._live_once()
+        finally:
+            self.recorder.close()
+            self._reporter.publish()
+            self._publisher.close()
+
+    def stop(self) -> None:
+        """Ask it to end; ``join`` waits for that."""
+        self._ended.set()
+        with self._lock:
+            self._run_stop.set()
+
+    def reconfigure(self, config: SonarConfig, turns: Turns | None) -> None:
+        """Close the sonar and open it as this says; name and publisher stay."""
+        with self._lock:
+            self._next = (config, turns)
+            self._run_stop.set()
+
+    def _live_once(self) -> None:
+        with self._lock:
+            if self._next is not None:
+                self._adopt(*self._next)
+                self._next = None
+            self._run_stop = stop = threading.Event()
+        if self._ended.is_set():
+            return
+        try:
+            self._serve(stop)
+        except ABSENT as error:
+            self._pause_s = FIRST_PAUSE_S
+            self._wait(stop, "waiting", error, ABSENT_PAUSE_S)
+        except TROUBLED as error:
+            if not self.config.device.address.startswith(HARDWARE):
+                self._over("failed", stop, error)
+                return
+            self._wait(stop, "failed", error, self._pause_s)
+            self._pause_s = min(2 * self._pause_s, LAST_PAUSE_S)
+        except Exception as error:  # noqa: BLE001  # of this sonar only
+            self._over("failed", stop, error)
+        else:
+            if not stop.is_set():
+                self._over("ended", stop, None)
+
+    def _adopt(self, config: SonarConfig, turns: Turns | None) -> None:
+        if config.record != self.config.record:
+            self.recorder.close()
+            self.recorder = self._new_recorder(config, can_command=self._can_command)
+        self.config, self._turns = config, turns
+        self.error, self.is_over = None, False
+
+    def _new_recorder(self, config: SonarConfig, *, can_command: bool) -> Recorder:
+        keeps_ring = can_command or bool(config.record.on)
+        return Recorder(config.record, config.device.name, self.status, keeps_ring=keeps_ring)
+
+    def _serve(self, stop: threading.Event) -> None:
+        config = self.config
+        if self.status.state not in ("waiting", "failed"):
+            self.status.state = "starting"
+        with ExitStack() as stack:
+            sonar = stack.enter_context(open_device(config.device.address, reconnect=True))
+            sonar.configure(config.settings())
+            self._beat()
+            settings = sonar.settings or config.settings()  # a recording keeps its own
+            pipeline = build_pipeline(config, settings)
+            self._opened(sonar, settings, pipeline)
+            pace = Pace(
+                config.ping_on,
+                config.ping_rate_hz,
+                config.max_pings,
+                self._turns,
+                self.requests,
+            )
+            Service(
+                sonar,
+                pipeline,
+                self._publisher,
+                config,
+                stop,
+                status=self.status,
+                pace=pace,
+                recorder=self.recorder,
+                beat=self._beat,
+                reporter=self._reporter,
+            ).run()
+
+    def _opened(self, sonar: Sonar, settings: Settings, pipeline: Pipeline) -> None:
+        config, info = self.config, sonar.info
+        self._publisher.describe(sonar_info(config, info, settings, pipeline), config.to_json())
+        self.recorder.begin(
+            RecordingInfo(
+                source=info.source,
+                chirp=settings.chirp,
+                num_words=settings.num_words,
+                temperature_c=config.temperature_c,
+                firmware=info.firmware,
+                address=info.address,
+                pdm_rate_hz=settings.pdm_rate_hz,
+            )
+        )
+        self.status.starts += 1
+        self.status.state, self.status.reason = "running", ""
+        self.is_settled = True
+        log.info("%s: %s is open", config.device.name, info.address)
+
+    def _wait(self, stop: threading.Event, state: State, error: Exception, pause_s: float) -> None:
+        """Pause before the next try; the reason is logged once."""
+        reason = f"{type(error).__name__}: {error}"
+        if (state, reason) != (self.status.state, self.status.reason):
+            log.warning("%s: %s; tried again and again", self.config.device.name, error)
+        self.status.state, self.status.reason = state, reason
+        self.is_settled = True
+        self._linger(stop, time.monotonic() + pause_s)
+
+    def _over(self, state: State, stop: threading.Event, error: Exception | None) -> None:
+        """Publish the status on, until it is stopped or configured anew."""
+        self.status.state = state
+        self.status.reason = f"{type(error).__name__}: {error}" if error else ""
+        if error is not None:
+            log.error("%s: %s", self.config.device.name, error)
+        self.error = error
+        self.is_settled = self.is_over = True
+        self._linger(stop, float("inf"))
+
+    def _linger(self, stop: threading.Event, until_s: float) -> None:
+        while not stop.is_set() and not self._ended.is_set() and time.monotonic() < until_s:
+            self._reporter.tick()
+            self._beat()
+            stop.wait(min(POLL_S, max(0.0, until_s - time.monotonic())))

@@ -1,0 +1,90 @@
+"""What a new configuration changes of a running daemon."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+from ertis_daemon.config import Config, SonarConfig
+from ertis_daemon.config_read import HARDWARE
+from ertis_driver.errors import ErtisError
+
+WHOLE = ("zenoh", "ros2", "prometheus")  # sections that only a restart of the daemon takes
+
+
+class ReloadError(ErtisError):
+    """The new configuration is not taken, the old one goes on: correct it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """From one configuration to another.
+
+    added, changed : tuple of SonarConfig
+        As they shall be.
+    removed : tuple of str
+        Names.
+    said : tuple of str
+        One line for each thing that is or is not taken.
+    """
+
+    added: tuple[SonarConfig, ...]
+    changed: tuple[SonarConfig, ...]
+    removed: tuple[str, ...]
+    said: tuple[str, ...]
+
+
+def compare(old: Config, new: Config) -> Changes:
+    """What has to be done to get from one to the other."""
+    before = {sonar.device.name: sonar for sonar in old.each_sonar()}
+    after = {sonar.device.name: sonar for sonar in new.each_sonar()}
+    added = tuple(sonar for name, sonar in after.items() if name not in before)
+    changed = tuple(
+        sonar for name, sonar in after.items() if name in before and sonar != before[name]
+    )
+    removed = tuple(name for name in before if name not in after)
+    said = [f"{sonar.device.name}: added" for sonar in added]
+    said += [f"{name}: removed" for name in removed]
+    for sonar in changed:
+        keys = ", ".join(_differing(before[sonar.device.name], sonar, ""))
+        said.append(f"{sonar.device.name}: opened again, for {keys}")
+    said += [
+        f"{name}: changed, which needs a restart of the daemon"
+        for name in WHOLE
+        if getattr(old, name) != getattr(new, name)
+    ]
+    return Changes(added, changed, removed, tuple(said) or ("nothing has changed",))
+
+
+def check_models(sonars: tuple[SonarConfig, ...]) -> None:
+    """Look whether the models of these sonars can be loaded, before anything is stopped for them.
+
+    Raises
+    ------
+    ReloadError
+        If one cannot, or does not fit the chirp.
+    """
+    from ertis_daemon.pipeline import build_pipeline
+    from ertis_detector.errors import DetectorError
+    from ertis_detector.model import load_model
+
+    for sonar in sonars:
+        try:
+            if sonar.device.address.startswith(HARDWARE):  # a recording has its own chirp
+                build_pipeline(sonar, sonar.settings())
+            elif sonar.detector.model:
+                load_model(Path(sonar.detector.model))
+        except DetectorError as error:
+            raise ReloadError(f"{sonar.device.name}: detector.model: {error}") from error
+
+
+def _differing(old: object, new: object, path: str) -> list[str]:
+    names = []
+    for spec in dataclasses.fields(old):  # type: ignore[arg-type]  # a section is a dataclass
+        before, after = getattr(old, spec.name), getattr(new, spec.name)
+        if dataclasses.is_dataclass(before):
+            names += _differing(before, after, f"{path}{spec.name}.")
+        elif before != after:
+            names.append(path + spec.name)
+    return names
