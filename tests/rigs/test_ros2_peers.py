@@ -59,7 +59,7 @@ def peers_python(request):
 class Peer:
     """A peer's process; its lines as they come."""
 
-    def __init__(self, python, script, *arguments):
+    def __init__(self, python, script, *arguments, cwd):
         environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
         self.process = subprocess.Popen(
             [str(python), str(HERE / script), *map(str, arguments)],
@@ -67,6 +67,7 @@ class Peer:
             stderr=subprocess.PIPE,
             text=True,
             env=environment,
+            cwd=cwd,  # pyzeros leaves a cache where it runs
         )
         self.lines = []
         self.ready = threading.Event()
@@ -106,7 +107,7 @@ def hear(peers_python, tmp_path):
     def run(script, *arguments):
         where = {"info": MOUNTED} if script == "sdk_peer.py" else {}
         with open_router() as port, ros2_publisher(port, **where) as publisher:
-            peer = Peer(peers_python, script, port, DOMAIN, *arguments)
+            peer = Peer(peers_python, script, port, DOMAIN, *arguments, cwd=tmp_path)
 
             def publish():
                 event = landmark_event()
