@@ -7,7 +7,7 @@ TRAINING_PINGS ?= 2000
 FUZZ_TARGETS := parser firmware frame mcap raw
 FUZZ_S ?= 60
 
-.PHONY: setup run test slow fuzz check bench models udev clean
+.PHONY: setup run test slow fuzz check bench models udev install uninstall clean
 
 setup: $(STAMP)
 
@@ -59,6 +59,12 @@ ifeq ($(DESTDIR),)
 	udevadm control --reload
 	udevadm trigger --subsystem-match=usb --subsystem-match=tty
 endif
+
+# The daemon as a service, see docs/install.md: sudo make install; DESTDIR= stages it for a package
+install uninstall: export PYTHON := $(PYTHON)
+install uninstall: export DESTDIR := $(DESTDIR)
+install uninstall:
+	@daemon/systemd/install.sh $@
 
 clean:
 	rm -rf $(VENV) out .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -6,11 +6,13 @@ import json
 import logging
 import re
 import threading
+from typing import Any
 
 import zenoh
 from typing_extensions import Self
 
 from ertis_daemon.config import ZenohConfig
+from ertis_daemon.tls import tls_values
 from ertis_driver.closing import Closing
 from ertis_driver.errors import ErtisError
 
@@ -25,16 +27,23 @@ class PublisherError(ErtisError):
 
 
 def session_config(
-    mode: str, connect: tuple[str, ...] | list[str], listen: tuple[str, ...] | list[str]
+    mode: str,
+    connect: tuple[str, ...] | list[str],
+    listen: tuple[str, ...] | list[str],
+    tls: str = "",
 ) -> zenoh.Config:
     """Describe a session as rmw_zenoh makes it: no multicast, time stamps, no shared memory.
+
+    ``tls`` is the folder of the certificate, for a router that asks for one.
 
     Raises
     ------
     PublisherError
         If a value is not understood.
+    TlsError
+        If the certificate cannot be used.
     """
-    values = {
+    values: dict[str, Any] = {
         "mode": mode,
         "connect/endpoints": list(connect),
         "connect/retry": RETRY_MS,
@@ -43,6 +52,8 @@ def session_config(
         "timestamping/enabled": True,  # an AdvancedPublisher needs it
         "transport/shared_memory/enabled": False,  # zenoh#2628, zenoh#2787
     }
+    if tls:
+        values["transport/link/tls"] = tls_values(tls, mode, connect)
     config: zenoh.Config = zenoh.Config()
     try:
         for key, value in values.items():
@@ -91,7 +102,7 @@ class Network(Closing):
     """
 
     def __init__(self, config: ZenohConfig) -> None:
-        described = session_config(config.mode, config.connect, config.listen)
+        described = session_config(config.mode, config.connect, config.listen, config.tls)
         self.session = open_session(described)
         self._closed = False
 

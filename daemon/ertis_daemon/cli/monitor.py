@@ -30,6 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mode", choices=("peer", "client"), default="peer", help="client for a distant router"
     )
+    parser.add_argument(
+        "--tls", default="", metavar="DIR", help="ca.pem, cert.pem, key.pem for a secured router"
+    )
     parser.add_argument("--device", default="*", metavar="NAME", help="one sonar only")
     parser.add_argument("--json", action="store_true", help="print events as they came, JSON Lines")
     parser.add_argument("--status", action="store_true", help="with --json: print status instead")
@@ -49,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     with ExitStack() as stack:
         flag = stack.enter_context(stop_on_signals())
         log = stack.enter_context(_open_log(args.log)) if args.log else None
-        session = open_session(session_config(args.mode, connect, ["tcp/localhost:0"]))
+        session = open_session(session_config(args.mode, connect, ["tcp/localhost:0"], args.tls))
         stack.callback(close_session, session)
         topic = "status" if args.json and args.status else "landmarks"
         events = _declare(session, f"ertis/{args.device}/{topic}")

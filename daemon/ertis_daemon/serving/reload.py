@@ -10,7 +10,7 @@ from ertis_daemon.config import Config, SonarConfig
 from ertis_daemon.config_read import HARDWARE
 from ertis_driver.errors import ErtisError
 
-WHOLE = ("zenoh", "prometheus")  # sections that only a restart of the daemon takes
+WHOLE = ("zenoh", "ros2", "prometheus")  # sections that only a restart of the daemon takes
 
 
 class ReloadError(ErtisError):
