@@ -322,3 +322,13 @@ def test_on_a_terminal_the_monitor_is_a_live_table_and_leaves_it_as_it_was(publi
         monitor.kill()
         monitor.communicate()
         os.close(master)
+
+
+def test_a_monitor_that_nobody_talks_to_says_what_to_do(locator):
+    monitor = start_monitor(locator, "--json")
+    try:
+        line = monitor.stderr.readline()
+        assert line.startswith(f"ertis: nobody at {locator} yet; --connect wants a Zenoh router")
+    finally:
+        monitor.kill()
+        monitor.communicate()
