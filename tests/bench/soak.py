@@ -2,9 +2,8 @@
 
 ``python tests/bench/soak.py --pings 100000`` pings as fast as it goes; ``--minutes 30 --rate 27.5``
 at a set rate. Emulator, daemon and this reader are three processes. Prints a summary, writes one
-sample a second to ``--out`` (JSON Lines), and draws them with ``--plot``. Ctrl-C ends it early, with
-the summary so far. It never fails, as
-another machine, or a busy one, is no defect.
+sample a second to ``--out`` (JSON Lines), and draws them with ``--plot``. Ctrl-C ends it early and
+tells so far. It never fails, as another machine, or a busy one, is no defect.
 """
 
 from __future__ import annotations
