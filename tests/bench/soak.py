@@ -2,8 +2,8 @@
 
 ``python tests/bench/soak.py --pings 100000`` pings as fast as it goes; ``--minutes 30 --rate 27.5``
 at a set rate. Emulator, daemon and this reader are three processes. Prints a summary, writes one
-sample a second to ``--out`` (JSON Lines), and draws them with ``--plot``. It never fails, as
-another machine, or a busy one, is no defect.
+sample a second to ``--out`` (JSON Lines), and draws them with ``--plot``. Ctrl-C ends it early and
+tells so far. It never fails, as another machine, or a busy one, is no defect.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,7 @@ def main() -> None:
     args = parser.parse_args()
     if not (args.pings or args.minutes):
         args.pings = 3000
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder, args.out.open("w") as out:
         soak = Soak(Path(folder), args)
@@ -98,6 +100,11 @@ class Soak:
             f"ertis/{NAME}/landmarks", zenoh.handlers.FifoChannel(1000)
         )
         samples: list[dict] = []
+        with suppress(KeyboardInterrupt):
+            self._sample(events, session, daemon, samples, out)
+        return samples
+
+    def _sample(self, events, session, daemon: subprocess.Popen, samples: list[dict], out) -> None:
         start_s = due_s = time.monotonic()
         while daemon.poll() is None:
             self._take(events)
@@ -111,10 +118,9 @@ class Soak:
             out.write(json.dumps(sample) + "\n")
             heard = sample.get("pings_heard", 0)
             if self._args.pings and heard >= self._args.pings:
-                break
+                return
             if self._args.minutes and now_s - start_s > 60 * self._args.minutes:
-                break
-        return samples
+                return
 
     def _take(self, events) -> None:
         while (sample := events.try_recv()) is not None:

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import zenoh
 
+from ertis_daemon.config_read import parse_config
 from ertis_daemon.layers import Sources
+from ertis_daemon.pipeline import build_pipeline
 from ertis_daemon.serving.daemon import Daemon
 from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.emulator import Emulator
@@ -379,3 +381,33 @@ def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_s
         jsonschema.validate(event, schema)
     assert {event["source"] for event in events} == {"sim"}
     assert daemon.daemon.statuses()["a"].pings_heard == 20
+
+
+def test_a_silent_device_is_tried_again_until_it_speaks(run, cables, bare_pty):
+    cable = cables("a")
+    cable.path.symlink_to(bare_pty.path)
+    daemon = run(f"device: {{name: a, address: 'serial:{cable.path}'}}\nping_rate_hz: 10\n")
+    status = daemon.wait("a", state="failed")
+    assert status["reason"].startswith("DeviceTimeout: ")
+    cable.path.unlink()
+    cable.plug()
+    daemon.wait("a", state="running", pings_heard=2)
+    assert daemon.status("a")["reason"] == ""
+
+
+def test_tracks_are_not_lost_to_a_clock_that_is_set(heard_landmarks):
+    config = parse_config(b"")
+    pipeline = build_pipeline(config, config.settings())
+    (ping,) = read_recording(heard_landmarks)
+    noise = np.random.default_rng(1).integers(0, 2**32, config.num_words, dtype=np.uint32)
+    hour_ns = 3_600_000_000_000
+
+    def process(index, words, time_ns, step_ns=0):
+        return pipeline.process(PdmFrame(words, index, time_ns, clock_step_ns=step_ns)).tracks
+
+    for index in range(10):
+        tracks = process(index, ping.frame.words, 40_000_000 * index)
+    assert tracks
+    assert process(10, noise, 400_000_000 + hour_ns, hour_ns) == []
+    after = process(11, ping.frame.words, 440_000_000 + hour_ns)
+    assert {track.track_id for track in after} == {track.track_id for track in tracks}
