@@ -6,12 +6,13 @@ pyzeros_peer.py PORT DOMAIN, in a virtual environment of its own.
 # Annotations stay objects: cyclonedds_idl cannot resolve them as text.
 import asyncio
 import json
+import struct
 import sys
 from dataclasses import dataclass, field
 
 import pyzeros
 import zenoh
-from pyzeros.builtin_msgs import Attachment
+from pyzeros.sub import RawSub
 from pyzeros.utils import rmw_zenoh_gid
 from ros2_pyterfaces.cyclone import all_msgs as ros
 from ros2_pyterfaces.cyclone import idl
@@ -121,35 +122,37 @@ def publishers_gids(session: zenoh.Session) -> dict[str, str]:
 
 async def main(session: zenoh.Session) -> None:
     loop = asyncio.get_running_loop()
-    waiting = set(TOPICS)
-    done = loop.create_future()
+    got: asyncio.Queue = asyncio.Queue()
 
-    def heard(topic: str, show, kind, sample: zenoh.Sample) -> None:
-        if topic not in waiting:
-            return
-        beside = Attachment.deserialize(b"\0\1\0\0" + sample.attachment.to_bytes())
-        say(
-            topic=topic,
-            sequence=int(beside.sequence_number),
-            gid=bytes(beside.source_gid).hex(),
-            message=show(kind.deserialize(sample.payload.to_bytes())),
-        )
-        waiting.discard(topic)
-        if not waiting and not done.done():
-            done.set_result(None)
+    def take(topic: str):
+        return lambda sample: loop.call_soon_threadsafe(got.put_nowait, (topic, sample))
 
-    subscribers = []
-    for topic, (kind, show) in TOPICS.items():
-        subscriber = pyzeros.Sub(kind, topic)
-        subscriber.sample_sub.asap_callback.append(
-            lambda sample, topic=topic, show=show, kind=kind: heard(topic, show, kind, sample)
-        )
-        subscribers.append(subscriber)
+    subscribers = [RawSub(kind, topic, take(topic)) for topic, (kind, _) in TOPICS.items()]
     say(ready=True)
-    await asyncio.wait_for(done, WAIT_S)
-    say(gids=publishers_gids(session))
-    for subscriber in subscribers:
-        subscriber.close()
+    waiting = set(TOPICS)
+    try:
+        while waiting:
+            topic, sample = await asyncio.wait_for(got.get(), WAIT_S)
+            if topic in waiting:
+                tell(topic, sample)
+            waiting.discard(topic)
+        say(gids=publishers_gids(session))
+    finally:  # or the process would never end
+        for subscriber in subscribers:
+            subscriber.close()
+
+
+def tell(topic: str, sample: zenoh.Sample) -> None:
+    kind, show = TOPICS[topic]
+    # Not by pyzeros's own Attachment, which compiles C when it is first used.
+    sequence, _, length, gid = struct.unpack("<qqB16s", sample.attachment.to_bytes())
+    assert length == len(gid)
+    say(
+        topic=topic,
+        sequence=sequence,
+        gid=gid.hex(),
+        message=show(kind.deserialize(sample.payload.to_bytes())),
+    )
 
 
 with (
