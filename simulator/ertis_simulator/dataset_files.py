@@ -26,7 +26,7 @@ from ertis_driver.recording import RecordingInfo, RecordingWriter, read_recordin
 from ertis_simulator.errors import SceneError
 from ertis_simulator.paper_dataset import NONE, VARIANTS, PlannedPing, build_scene, plan
 
-GENERATOR = 1  # raised when the same seed comes to mean other files
+GENERATOR = 2  # raised when the same seed comes to mean other files
 MANIFEST, METADATA = "dataset.json", "metadata.csv"
 COLUMNS = (
     "file_name",

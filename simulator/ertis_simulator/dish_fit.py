@@ -18,8 +18,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import jv
 
+from ertis_simulator.circles import RIM
 from ertis_simulator.dish_table import LOWEST_KA, NUM_POWERS, TILTS_RAD, powers
-from ertis_simulator.glints import FOCUSED, ORDERS, RIM, TERMS, glints
+from ertis_simulator.glints import FOCUSED, ORDERS, TERMS, glints
 from ertis_simulator.physical_optics import CapOptics
 from ertis_simulator.reference.meridian import CapMeridian
 from ertis_simulator.reference.screen import Screen

@@ -35,12 +35,18 @@ class Strengths(NamedTuple):
     highest_ka: float
 
 
-def powers(ka: FloatArray, highest_ka: float) -> FloatArray:
-    """Chebyshev polynomials in log(ka), shape (num_ka, NUM_POWERS)."""
+def scaled_log(ka: FloatArray, highest_ka: float) -> FloatArray:
+    """What the strengths are polynomials of, -1 to 1, the same shape."""
     low, high = np.log(_SPAN_KA)
     log_ka = np.log(np.clip(ka, LOWEST_KA, highest_ka))
-    scaled = (2 * log_ka - low - high) / (high - low)
-    return np.asarray(np.polynomial.chebyshev.chebvander(scaled, NUM_POWERS - 1))
+    return np.asarray((2 * log_ka - low - high) / (high - low))
+
+
+def powers(ka: FloatArray, highest_ka: float) -> FloatArray:
+    """Chebyshev polynomials in log(ka), shape (num_ka, NUM_POWERS)."""
+    return np.asarray(
+        np.polynomial.chebyshev.chebvander(scaled_log(ka, highest_ka), NUM_POWERS - 1)
+    )
 
 
 @cache
@@ -62,10 +68,22 @@ def strengths(depth_ratio: float) -> Strengths:
     return Strengths(mixed, float(min(limits[lower], limits[upper])))
 
 
-def at_tilts(table: Strengths, tilt_rad: FloatArray) -> npt.NDArray[np.complex64]:
-    """Coefficients between the table's tilts, shape (num_mics, num_terms, NUM_POWERS)."""
+def between_tilts(
+    table: Strengths, tilt_rad: FloatArray
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32], npt.NDArray[np.complex64]]:
+    """Where tilts lie in the table.
+
+    Returns
+    -------
+    rows : int64, shape (num_mics,)
+        Of the coefficients returned, the tilt below.
+    share : float32, shape (num_mics,)
+        Of the row after it.
+    coefficients : complex64, shape (num_rows, num_terms, NUM_POWERS)
+        The part of the table that these tilts need.
+    """
     place = np.clip(tilt_rad / TILTS_RAD[1], 0, len(TILTS_RAD) - 1)
-    lower = np.minimum(place.astype(int), len(TILTS_RAD) - 2)
-    share = (place - lower).astype(np.float32)[:, None, None]
-    found = (1 - share) * table.coefficients[lower] + share * table.coefficients[lower + 1]
-    return np.asarray(found)
+    lower = np.minimum(place.astype(np.int64), len(TILTS_RAD) - 2)
+    first = int(lower.min())
+    part = table.coefficients[first : int(lower.max()) + 2]
+    return lower - first, (place - lower).astype(np.float32), part

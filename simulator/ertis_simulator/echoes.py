@@ -24,10 +24,10 @@ class Scatterer(Protocol):
     def reach_m(self) -> tuple[float, float]:
         """How far before and behind that way its echoes arrive."""
 
-    def spectrum(self, k_rad_m: FloatArray) -> ComplexArray:
+    def spectrum(self, k_rad_m: FloatArray, from_m: FloatArray | None = None) -> ComplexArray:
         """Amplitude against that at 1 m, shape (num_mics, num_k), for evenly spaced k.
 
-        A way r turns by e^{-ikr}; of ``path_m`` that is left out.
+        A way r turns by e^{-ikr}; ways count from ``from_m``, shape (num_mics,), or ``path_m``.
         """
 
 

@@ -13,10 +13,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ertis_simulator.dish_table import NUM_POWERS, at_tilts, powers, strengths
+from ertis_simulator.circles import RIM, RING_2, VERTEX
+from ertis_simulator.dish_table import between_tilts, scaled_log, strengths
 from ertis_simulator.echoes import Echoes
-from ertis_simulator.glints import FOCUSED, ORDERS, RIM, RING_2, TERMS, VERTEX, Glints, glints
-from ertis_simulator.kernels import bessel_table, sum_glints
+from ertis_simulator.glint_kernels import bessel_table, sum_glints, tabled_strengths
+from ertis_simulator.glints import FOCUSED, ORDERS, TERMS, Glints, glints
 from ertis_simulator.rim import rim_orders
 
 FloatArray = npt.NDArray[np.float64]
@@ -26,11 +27,13 @@ RADII_MM = (35, 48, 58, 70)
 DEPTH_RATIO = 0.6  # depth over aperture radius: 30 % of the diameter
 # Of a sharp edge's diffraction: 1 for a rim of no thickness, less for one that is tapered softly.
 RIM_STRENGTH = 1.0
+_SPREAD_M = 0.06  # over frequency, strengths vary: an echo lasts longer than its circle is long
 _EDGE_SOFTNESS_RAD = np.deg2rad(3.0)  # the specular point fades over about a Fresnel zone
 _RIM_TERMS = [TERMS.index((RIM, order)) for order in ORDERS[RIM]]
 _CIRCLE_OF_TERM = np.array([circle for circle, _ in TERMS])
 _ORDER_OF_TERM = np.array([order for _, order in TERMS])
-_IS_RIM = _CIRCLE_OF_TERM == RIM
+_TURN_OF_TERM = np.where(_CIRCLE_OF_TERM == RIM, (-1j) ** _ORDER_OF_TERM, 1.0)[:, None]
+_VERTEX_TERM = TERMS.index((VERTEX, 0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,57 +79,61 @@ class DishEcho:
 
     @property
     def reach_m(self) -> tuple[float, float]:
-        """From the nearest point of the rim to the last ring, wherever ``path_m`` is."""
-        aperture, sphere = self.dish.aperture_radius_m, self.dish.sphere_radius_m
-        return 2.2 * aperture + 3.2 * sphere, 2.2 * sphere + 2.2 * aperture
+        """From the nearest point of its circles to the farthest, and what strengths spread."""
+        way = self.laid.centre_path_m + self.laid.path_m
+        size = np.where(np.arange(len(way))[:, None] == RIM, np.abs(self.laid.reach_m), 0.0)
+        before = np.max(self.path_m - (way - size).min(axis=0))
+        behind = np.max((way + size).max(axis=0) - self.path_m)
+        return float(before) + _SPREAD_M, float(behind) + _SPREAD_M
 
     @cached_property
     def _behind(self) -> npt.NDArray[np.bool_]:
         return np.asarray(self.laid.tilt_rad > np.pi / 2)
 
     @cached_property
-    def _coefficients(self) -> npt.NDArray[np.complex64]:
-        """Of all terms, shape (num_mics, num_terms, NUM_POWERS)."""
+    def _steady(self) -> npt.NDArray[np.complex64]:
+        """Strengths beside the table's: sharp rim, no back. Shape (num_mics, num_terms)."""
         tilt, alpha = self.laid.tilt_rad, self.dish.half_opening_rad
-        found = at_tilts(strengths(self._depth_ratio), tilt)
-        found[self._behind] = 0
-        # The table has a sharp rim, and no back. The first polynomial is 1: what does not depend
-        # on frequency goes there.
+        steady = np.zeros((len(tilt), len(TERMS)), np.complex64)
         share = self.rim_strength - np.where(self._behind, 0.0, 1.0)
-        found[:, _RIM_TERMS, 0] += share[:, None] * rim_orders(alpha, tilt)
-        half_radius = self.dish.sphere_radius_m / self.dish.aperture_radius_m / 2
-        facing = 1 / (1 + np.exp((np.pi - tilt - alpha) / _EDGE_SOFTNESS_RAD))
-        found[:, TERMS.index((VERTEX, 0)), 0] += np.where(self._behind, half_radius * facing, 0)
-        return found
+        if share.any():
+            steady[:, _RIM_TERMS] += share[:, None] * rim_orders(alpha, tilt)
+        if self._behind.any():
+            half_radius = self.dish.sphere_radius_m / self.dish.aperture_radius_m / 2
+            facing = 1 / (1 + np.exp((np.pi - tilt - alpha) / _EDGE_SOFTNESS_RAD))
+            steady[:, _VERTEX_TERM] += np.where(self._behind, half_radius * facing, 0)
+        return steady
 
-    @property
-    def _depth_ratio(self) -> float:
-        return round(self.dish.depth_m / self.dish.aperture_radius_m, 6)
+    @cached_property
+    def _weights(self) -> npt.NDArray[np.complex64]:
+        """What a term has at any frequency: spreading and turn, shape (num_terms, num_mics)."""
+        cosines = np.cos(_ORDER_OF_TERM[:, None] * self.laid.around_rad[_CIRCLE_OF_TERM])
+        spreading = self.laid.spreading[_CIRCLE_OF_TERM] * self.dish.aperture_radius_m
+        return np.asarray((_TURN_OF_TERM * cosines * spreading).astype(np.complex64))
 
-    def spectrum(self, k_rad_m: FloatArray) -> ComplexArray:
+    def spectrum(self, k_rad_m: FloatArray, from_m: FloatArray | None = None) -> ComplexArray:
         """As the renderer asks for, shape (num_mics, num_k)."""
-        laid, aperture = self.laid, self.dish.aperture_radius_m
-        ka = k_rad_m * aperture
-        basis = powers(ka, strengths(self._depth_ratio).highest_ka).astype(np.float32)
-        flat = self._coefficients.reshape(-1, NUM_POWERS)
-        strength = (flat @ basis.T).reshape(len(laid.tilt_rad), len(TERMS), -1)
-        cosines = np.cos(_ORDER_OF_TERM[:, None] * laid.around_rad[_CIRCLE_OF_TERM])
-        turns = np.where(_IS_RIM, (-1j) ** _ORDER_OF_TERM, 1.0)[:, None] * cosines
-        weights = (turns * laid.spreading[_CIRCLE_OF_TERM] * aperture).astype(np.complex64)
-        total = np.zeros((len(laid.tilt_rad), len(k_rad_m)), np.complex64)
+        laid, ka = self.laid, k_rad_m * self.dish.aperture_radius_m
+        ratio = round(self.dish.depth_m / self.dish.aperture_radius_m, 6)
+        rows, share, coefficients = between_tilts(strengths(ratio), laid.tilt_rad)
+        scaled = scaled_log(ka, strengths(ratio).highest_ka).astype(np.float32)
+        total = np.empty((len(laid.tilt_rad), len(k_rad_m)), np.complex64)
         sum_glints(
             total,
             k_rad_m,
             np.where(FOCUSED[:, None], np.sqrt(ka), 1.0).astype(np.float32),
-            laid.path_m + (laid.centre_path_m - self.path_m),
+            laid.path_m + (laid.centre_path_m - (self.path_m if from_m is None else from_m)),
             laid.reach_m,
-            strength,
-            weights,
+            tabled_strengths(coefficients, scaled),
+            np.where(self._behind, -1, rows),
+            share,
+            self._steady,
+            self._weights,
             _CIRCLE_OF_TERM,
             _ORDER_OF_TERM,
             bessel_table(),
         )
-        return np.conj(total)
+        return total
 
 
 def dish_echoes(

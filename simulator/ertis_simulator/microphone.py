@@ -13,7 +13,8 @@ import scipy.fft
 
 from ertis_driver.audio_filter import TAPS, UNITY
 from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS
-from ertis_simulator.kernels import sigma_delta
+from ertis_simulator.pdm_kernel import INTERPOLATION_TAPS, sigma_delta
+from ertis_simulator.spectrum_kernels import BYTES_VARIANCE, add_shaped_noise
 
 # Standard deviations that two echoes of one real ping have in common (docs/validation.md).
 GAIN_SPREAD_DB = 1.0
@@ -64,17 +65,44 @@ def noise_density_db(frequency_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.fl
     return np.asarray(np.interp(frequency_hz, table[:, 0], table[:, 1]))
 
 
+def add_noise_spectrum(
+    spectrum: npt.NDArray[np.complex64], size: int, rng: np.random.Generator
+) -> None:
+    """Add the microphones' own noise to spectra, in place.
+
+    Parameters
+    ----------
+    spectrum : complex64, shape (num_mics, size // 2 + 1)
+        Of audio at 450 kHz.
+    size : int
+        Samples that the spectrum stands for.
+    """
+    bins_hz = scipy.fft.rfftfreq(size, 1 / AUDIO_RATE_HZ)
+    # A bin of one-sided density d has the mean square size * rate * d / 2, half of it in each part.
+    scale = 10 ** (noise_density_db(bins_hz) / 20)
+    scale *= np.sqrt(size * AUDIO_RATE_HZ / (4 * BYTES_VARIANCE))
+    random = rng.integers(0, 2**64, spectrum.shape, np.uint64).view(np.uint32)
+    add_shaped_noise(spectrum, random, scale.astype(np.float32))
+
+
 def add_noise(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> None:
     """Add the microphones' own noise to ``(32, n)`` audio at 450 kHz, in place."""
     num_mics, num_samples = pressure.shape
     size = scipy.fft.next_fast_len(num_samples, real=True)
-    bins_hz = scipy.fft.rfftfreq(size, 1 / AUDIO_RATE_HZ)
-    # A bin of one-sided density d has the mean square size * rate * d / 2, half of it in each part.
-    scale = np.sqrt(10 ** (noise_density_db(bins_hz) / 10) * size * AUDIO_RATE_HZ / 4)
-    parts = rng.standard_normal((num_mics, 2 * bins_hz.size), dtype=np.float32)
-    parts *= np.repeat(scale, 2).astype(np.float32)
-    noise = scipy.fft.irfft(parts.view(np.complex64), size, axis=1, overwrite_x=True)
-    pressure += noise[:, :num_samples]
+    spectrum = np.zeros((num_mics, size // 2 + 1), np.complex64)
+    add_noise_spectrum(spectrum, size, rng)
+    pressure += scipy.fft.irfft(spectrum, size, axis=1, overwrite_x=True)[:, :num_samples]
+
+
+@cache
+def _interpolation() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Sums and differences of the mirrored taps of the first half of the phases."""
+    prototype = TAPS / UNITY * DECIMATION
+    phases = prototype.reshape(INTERPOLATION_TAPS, DECIMATION).T[: DECIMATION // 2, ::-1]
+    mirrored = phases[:, ::-1]
+    pairs = ((phases + sign * mirrored)[:, : INTERPOLATION_TAPS // 2] / 2 for sign in (1, -1))
+    even, odd = (np.ascontiguousarray(part, np.float32) for part in pairs)
+    return even, odd
 
 
 def to_pdm(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.NDArray[np.uint32]:
@@ -91,10 +119,7 @@ def to_pdm(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.N
     -------
     uint32, shape (10 * num_samples,)
     """
-    taps = TAPS.size // DECIMATION
-    prototype = (TAPS / UNITY * DECIMATION).astype(np.float32)
-    phases = np.ascontiguousarray(prototype.reshape(taps, DECIMATION).T[:, ::-1])
-    lead = taps // 2
+    taps, lead = INTERPOLATION_TAPS, INTERPOLATION_TAPS // 2
     num_samples = _WARM_UP + pressure.shape[1]
     padded = np.zeros((num_samples + taps - 1, NUM_MICS), np.float32)
     # The centre of the filter falls on the sample, so that audio out is in step with audio in.
@@ -102,10 +127,10 @@ def to_pdm(pressure: npt.NDArray[np.float32], rng: np.random.Generator) -> npt.N
     padded[first : first + pressure.shape[1]] = pressure.T
     words = np.empty(num_samples * DECIMATION, np.uint32)
     dither = rng.random((_DITHER_WORDS, NUM_MICS), np.float32) * 2 - 1
-    state = rng.uniform(-0.5, 0.5, (8, NUM_MICS)).astype(np.float32)
+    state = rng.uniform(-0.5, 0.5, (4, NUM_MICS)).astype(np.float32)
     sigma_delta(
         padded,
-        phases,
+        *_interpolation(),
         (_NTF_ZEROS - _NTF_POLES).astype(np.float32),
         _NTF_POLES.astype(np.float32),
         state,

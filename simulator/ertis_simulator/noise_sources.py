@@ -16,6 +16,7 @@ import scipy.fft
 
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
 from ertis_driver.frame import AUDIO_RATE_HZ
+from ertis_simulator.spectrum_kernels import add_plane_wave
 from ertis_simulator.transducer import shipped_response
 
 FloatArray = npt.NDArray[np.float64]
@@ -23,8 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 HARMONICS_DB = (0.0, -8.0, -14.0, -18.0)  # assumed: of a whine, the fundamental first
 DRIFT = 0.002  # assumed: a machine's speed differs so much from ping to ping, relative
 _GUN_RISE_S = 0.2e-3  # assumed
-_OVERSAMPLING = 4  # then linear between samples: -48 dB at 50 kHz, -36 at 100
-_MARGIN = 128  # audio samples: 10 cm of array
+MARGIN = 256  # audio samples before and behind what is heard: the array is 65 wide, sines ring
 
 
 class NoiseSource(Protocol):
@@ -106,33 +106,35 @@ class OtherSonar:
 
 
 def add_sources(
-    pressure: npt.NDArray[np.float32],
+    spectrum: npt.NDArray[np.complex64],
+    size: int,
+    num_samples: int,
     sources: Sequence[NoiseSource],
     yaw_rad: float,
     mics_m: FloatArray,
     speed_m_s: float,
     rng: np.random.Generator,
 ) -> None:
-    """Add them to ``(num_mics, n)`` audio at 450 kHz, in place.
+    """Add them to the spectra of audio at 450 kHz, in place.
 
     Parameters
     ----------
+    spectrum : complex64, shape (num_mics, size // 2 + 1)
+    size : int
+        Samples that the spectrum stands for, ``num_samples + 2 * MARGIN`` at least.
+    num_samples : int
+        Those of them that are heard.
     yaw_rad : float
         The sonar's heading.
     mics_m : shape (num_mics, 3)
         Sensor frame.
     """
-    if not sources:
-        return
-    num_samples = pressure.shape[1]
-    length = num_samples + 2 * _MARGIN
     for source in sources:
-        spectrum = scipy.fft.rfft(source.waveform(length, rng))
-        fine = scipy.fft.irfft(spectrum, length * _OVERSAMPLING) * _OVERSAMPLING
+        waveform = source.waveform(num_samples + 2 * MARGIN, rng).astype(np.float32)
+        around = np.zeros(size, np.float32)
+        around[: num_samples + MARGIN] = waveform[MARGIN:]
+        around[-MARGIN:] = waveform[:MARGIN]
         bearing = source.azimuth_rad - yaw_rad
         early_s = mics_m @ np.array([np.cos(bearing), np.sin(bearing), 0.0]) / speed_m_s
-        place = (_MARGIN + early_s * AUDIO_RATE_HZ) * _OVERSAMPLING
-        for mic, start in enumerate(place.astype(int)):
-            share = place[mic] - start
-            pressure[mic] += (1 - share) * fine[start::_OVERSAMPLING][:num_samples]
-            pressure[mic] += share * fine[start + 1 :: _OVERSAMPLING][:num_samples]
+        turn_a_bin = 2 * np.pi * AUDIO_RATE_HZ / size * early_s
+        add_plane_wave(spectrum, scipy.fft.rfft(around), turn_a_bin)

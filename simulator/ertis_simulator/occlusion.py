@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -60,21 +61,39 @@ class Blocker:
 
     def hits(self, start_m: FloatArray, ends_m: FloatArray) -> npt.NDArray[np.bool_]:
         """Which segments from ``start_m`` (3,) to ``ends_m`` (n, 3) it cuts, shape (n,)."""
-        way = ends_m - start_m
-        edge = np.roll(self.corners_m, -1, axis=0) - self.corners_m
-        outward = np.column_stack([edge[:, 1], -edge[:, 0]])
-        # Inside each face where rate * t <= room; sides first, then top and bottom.
-        rate = np.column_stack([way[:, :2] @ outward.T, way[:, 2], -way[:, 2]])
-        room = np.append(
-            np.sum((self.corners_m - start_m[:2]) * outward, axis=1),
-            [self.top_m - start_m[2], start_m[2] - self.base_m],
-        )
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = room / rate
-        leave = np.where(rate > 0, at, np.where((rate == 0) & (room < 0), -1.0, 1.0)).min(axis=1)
-        enter = np.where(rate < 0, at, 0.0).max(axis=1)
-        leave, enter = np.minimum(leave, 1.0), np.maximum(enter, 0.0)
-        return np.asarray(enter < leave)
+        return _hits(self.corners_m, self.base_m, self.top_m, start_m, ends_m)
+
+
+@numba.njit(cache=True, nogil=True)
+def _hits(
+    corners_m: FloatArray, base_m: float, top_m: float, start_m: FloatArray, ends_m: FloatArray
+) -> npt.NDArray[np.bool_]:
+    """Segment by segment, clipped by each face in turn: sides first, then top and bottom."""
+    sides = len(corners_m)
+    found = np.empty(len(ends_m), np.bool_)
+    for n in range(len(ends_m)):
+        way = ends_m[n] - start_m
+        enter, leave = 0.0, 1.0
+        for face in range(sides + 2):
+            if face < sides:
+                x, y = corners_m[face, 0], corners_m[face, 1]
+                after = corners_m[(face + 1) % sides]
+                out_x, out_y = after[1] - y, x - after[0]
+                rate = way[0] * out_x + way[1] * out_y
+                room = (x - start_m[0]) * out_x + (y - start_m[1]) * out_y
+            elif face == sides:
+                rate, room = way[2], top_m - start_m[2]
+            else:
+                rate, room = -way[2], start_m[2] - base_m
+            # Inside this face where rate * t <= room.
+            if rate > 0:
+                leave = min(leave, room / rate)
+            elif rate < 0:
+                enter = max(enter, room / rate)
+            elif room < 0:
+                leave = -1.0
+        found[n] = enter < leave
+    return found
 
 
 def clear_part(

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.fft
 
 from ertis_detector.air import Air
 from ertis_driver.frame import DECIMATION, NUM_MICS
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
+from ertis_simulator.band import Band
 from ertis_simulator.clutter import Clutter
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.landmark import dish_echoes
 from ertis_simulator.microphone import (
     MicrophoneSet,
-    add_noise,
+    add_noise_spectrum,
     corrupt_half_words,
     kill_microphones,
     to_pdm,
@@ -25,7 +28,7 @@ from ertis_simulator.noise_sources import NoiseSource, add_sources
 from ertis_simulator.objects import DishObject, Thing, stand_for
 from ertis_simulator.occlusion import Blocker, clear_part
 from ertis_simulator.path import Path, Pose
-from ertis_simulator.propagation import render
+from ertis_simulator.propagation import add_echoes, add_trains, render
 from ertis_simulator.room import Room
 from ertis_simulator.transducer import SensorResponse, direct_path, shipped_response
 from ertis_simulator.truth import fragment_span, own_to_rest_db, seen_dish, seen_thing
@@ -157,7 +160,7 @@ class Scene:
                 fragment = fragment_span(line["range_m"], speed)
                 # What comes later is of no use, and the renderer's work grows with the time.
                 needed = min(fragment[1] + chirp.size, pressure.shape[1])
-                own = self._render([part], chirp, needed)
+                own = render(part, self.air, chirp, needed, self._mics().response, self.sensor)
                 line["own_to_rest_db"] = own_to_rest_db(own, pressure[:, :needed], chirp, fragment)
         return self._to_words(pressure, num_words, rng), truth
 
@@ -168,19 +171,22 @@ class Scene:
         chirp: npt.NDArray[np.float64] | None,
         rng: np.random.Generator,
     ) -> npt.NDArray[np.float32]:
-        pressure = np.zeros((NUM_MICS, -(-num_words // DECIMATION)), np.float32)
-        if chirp is not None:
-            pressure += self._render([self.echoes(ping_index)], chirp, pressure.shape[1])
-        add_noise(pressure, rng)
+        """Everything that is heard, added up as spectra."""
+        num_samples = -(-num_words // DECIMATION)
+        band = Band.of(np.zeros(1) if chirp is None else chirp, num_samples, self.sensor)
+        spectrum = np.zeros((NUM_MICS, band.fft_size // 2 + 1), np.complex64)
+        add_noise_spectrum(spectrum, band.fft_size, rng)
         yaw, speed = self.pose(ping_index).yaw_rad, self.air.speed_of_sound_m_s
-        add_sources(pressure, self.noise, yaw, mic_positions_m(), speed, rng)
-        return pressure
-
-    def _render(
-        self, echoes: list[Echoes], chirp: npt.NDArray[np.float64], num_samples: int
-    ) -> npt.NDArray[np.float32]:
-        joined, mics = Echoes.join(echoes), self._mics()
-        return render(joined, self.air, chirp, num_samples, mics.response, self.sensor)
+        hearing = (spectrum, band.fft_size, num_samples)
+        add_sources(*hearing, self.noise, yaw, mic_positions_m(), speed, rng)
+        if chirp is not None:
+            train = own_train(self.seed, self.air, band).copy()
+            outside = self._outside(ping_index)
+            if outside:
+                add_echoes(train, Echoes.join(outside), self.air, band)
+            add_trains(spectrum, train, self._mics().response, band)
+        heard = scipy.fft.irfft(spectrum, band.fft_size, axis=1, overwrite_x=True)
+        return np.asarray(heard[:, :num_samples])
 
     def _mics(self) -> MicrophoneSet:
         return MicrophoneSet.draw(np.random.default_rng([self.seed, 2**32]))
@@ -195,11 +201,13 @@ class Scene:
 
     def echoes(self, ping_index: int) -> Echoes:
         """Every way from emitter to microphones at one ping."""
+        return Echoes.join([own_sound(self.seed, self.air), *self._outside(ping_index)])
+
+    def _outside(self, ping_index: int) -> list[Echoes]:
+        """Every way that leads away from the sonar."""
         pose, time_s = self.pose(ping_index), ping_index * self.ping_period_s
         emitter, mics = np.array(EMITTER_POSITION_M), mic_positions_m()
-        own_rng = np.random.default_rng([self.seed, 2**33])
-        parts = [direct_path(emitter, mics, self.air.speed_of_sound_m_s, own_rng)]
-        parts.extend(self.room.echoes(pose.to_sensor, pose.turn, emitter, mics))
+        parts = self.room.echoes(pose.to_sensor, pose.turn, emitter, mics)
         reverberation = self.room.reverberation(
             len(mics), np.random.default_rng([self.seed, ping_index, 2**34])
         )
@@ -207,7 +215,7 @@ class Scene:
         parts.extend(self._clutter_at(time_s).echoes(pose, emitter, mics))
         for item in self.dishes:
             parts.extend(self._dish_and_floor(item, ping_index))
-        return Echoes.join(parts)
+        return parts
 
     def own_echoes(self, item: DishObject, ping_index: int) -> Echoes | None:
         """The direct way to one dish and back; None if something hides all of it."""
@@ -254,6 +262,20 @@ class Scene:
                     )
                 )
         return parts
+
+
+def own_sound(seed: int, air: Air) -> Echoes:
+    """What a sonar hears of itself: the direct path and the housing's ringing."""
+    emitter, mics = np.array(EMITTER_POSITION_M), mic_positions_m()
+    return direct_path(emitter, mics, air.speed_of_sound_m_s, np.random.default_rng([seed, 2**33]))
+
+
+@lru_cache(maxsize=2)
+def own_train(seed: int, air: Air, band: Band) -> npt.NDArray[np.complex64]:
+    """``own_sound`` as trains, kept: it is that of every ping, wherever the sonar is."""
+    train = np.zeros((NUM_MICS, band.length), np.complex64)
+    add_echoes(train, own_sound(seed, air), air, band)
+    return train
 
 
 def _sin_off_axis(direction: FloatArray) -> float:

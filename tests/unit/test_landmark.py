@@ -3,7 +3,8 @@ import pytest
 from scipy.optimize import brentq
 
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
-from ertis_simulator.glints import RIM, RING_2, RING_3, VERTEX, glints, ring
+from ertis_simulator.circles import RIM, RING_2, RING_3, VERTEX
+from ertis_simulator.glints import glints, ring
 from ertis_simulator.landmark import RADII_MM, Dish, dish_echoes
 from ertis_simulator.physical_optics import CapOptics
 from ertis_simulator.rim import rim_orders

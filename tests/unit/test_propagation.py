@@ -79,6 +79,14 @@ def test_one_echo_arrives_when_and_as_strong_as_it_should(point, spectrum):
     assert error_db(heard, exact(path_m, 1 / path_m, **spectrum)) <= -50.0
 
 
+@pytest.mark.parametrize("path_m", [0.001, 0.012, 0.0206, 0.05])
+def test_an_echo_from_right_beside_the_microphones_is_heard(path_m):
+    """The emitter's rim is 20 mm from the nearest one: its sound rings before the frame begins."""
+    path_m = np.full(32, path_m)
+    heard = rendered(Echoes.of(path_m, 1 / path_m))
+    assert error_db(heard, exact(path_m, 1 / path_m)) <= -40.0
+
+
 def test_echoes_add_up():
     near, far = paths_m((1.0, 0.2, 0.0)), paths_m((3.0, -0.4, 0.1))
     one, other = Echoes.of(near, 1 / near), Echoes.of(far, -1 / far, exponent=0.5)
@@ -144,8 +152,9 @@ class TwoPoints:
     late_m: float
     reach_m: tuple = (0.02, 0.3)
 
-    def spectrum(self, k):
-        both = 1 + 0.5 * np.exp(-1j * k * self.late_m)
+    def spectrum(self, k, from_m=None):
+        beyond_m = 0.0 if from_m is None else (self.path_m - from_m)[:, None]
+        both = np.exp(-1j * k * beyond_m) * (1 + 0.5 * np.exp(-1j * k * self.late_m))
         return (both / self.path_m[:, None]).astype(np.complex64)
 
 

@@ -12,7 +12,7 @@ from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.geometry import mic_positions_m
 from ertis_simulator.clutter import Clutter
 from ertis_simulator.landmark import Dish
-from ertis_simulator.noise_sources import AirGun, OtherSonar, Tone, add_sources
+from ertis_simulator.noise_sources import MARGIN, AirGun, OtherSonar, Tone, add_sources
 from ertis_simulator.objects import draw_sizes, make_thing
 from ertis_simulator.path import Path
 from ertis_simulator.propagation import render
@@ -158,10 +158,10 @@ def test_a_stand_is_heard_below_its_landmark():
 
 
 def noise_of(source, num_samples=16_384, yaw_rad=0.0, seed=1):
-    pressure = np.zeros((32, num_samples), np.float32)
-    rng = np.random.default_rng(seed)
-    add_sources(pressure, [source], yaw_rad, mic_positions_m(), 343.0, rng)
-    return pressure.astype(float)
+    size, rng = num_samples + 2 * MARGIN, np.random.default_rng(seed)
+    spectrum = np.zeros((32, size // 2 + 1), np.complex64)
+    add_sources(spectrum, size, num_samples, [source], yaw_rad, mic_positions_m(), 343.0, rng)
+    return np.fft.irfft(spectrum, size, axis=1)[:, :num_samples].astype(float)
 
 
 def test_a_whine_has_its_level_its_pitch_and_harmonics():
