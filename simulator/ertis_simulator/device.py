@@ -78,8 +78,10 @@ class SimulatedSonar(Closing):
         if self._settings is None:
             raise NotConfigured("simulated sonar: configure it before the first ping")
         listening_s = self._settings.listening_s
-        time.sleep(max(self._ready_at - time.monotonic(), 0.0))
-        self._ready_at = time.monotonic() + listening_s
+        # Counted from when it was due: a sleep that ends late delays one ping, not all after it.
+        due = max(self._ready_at, time.monotonic())
+        time.sleep(max(due - time.monotonic(), 0.0))
+        self._ready_at = due + listening_s
         started_ns = time.time_ns()
         frame = PdmFrame(self._hear(self._settings, active), self._index, started_ns, 0, active)
         self._index += 1

@@ -9,6 +9,7 @@ import numpy as np
 from ertis_detector.air import Air
 from ertis_driver.frame import NUM_MICS
 from ertis_simulator.clutter import CLUSTER_KINDS, EVEN, Clutter
+from ertis_simulator.errors import SceneError
 from ertis_simulator.path import Pose
 from ertis_simulator.room import Room
 from ertis_simulator.scene import Scene
@@ -23,6 +24,7 @@ from ertis_simulator.scene_items import (
     read_object,
     read_path,
 )
+from ertis_simulator.transducer import SensorResponse, shipped_response
 from ertis_simulator.yaml_section import MAX_SCENE_BYTES, Section, read_yaml
 
 __all__ = ["MAX_SCENE_BYTES", "load_scene"]
@@ -41,6 +43,7 @@ _TOP = (
     "clutter_kinds",
     "noise",
     "dead_microphones",
+    "sensor_response",
 )
 _ROOM = (
     "x_m",
@@ -103,6 +106,7 @@ def load_scene(path: FilePath) -> Scene:
         path=read_path(sonar, _start(sonar).yaw_rad) if sonar else None,
         noise=tuple(read_noise(item) for item in top.sections("noise", NOISE_KEYS)),
         dead_mics=_dead(top),
+        sensor=_sensor(top, path.parent),
     )
 
 
@@ -118,6 +122,16 @@ def _start(sonar: Section | None) -> Pose:
         sonar.number("height_m", 0.5, low=0.05, high=5.0),
     )
     return Pose(at, float(np.deg2rad(sonar.number("heading_deg", 0.0))))
+
+
+def _sensor(top: Section, folder: FilePath) -> SensorResponse:
+    """The response measured on one's own sonar, in a file named from the scene's folder."""
+    if not top.has("sensor_response"):
+        return shipped_response()
+    try:
+        return SensorResponse.read(folder / top.text("sensor_response"))
+    except SceneError as error:
+        raise top.wrong("sensor_response", str(error)) from error
 
 
 def _dead(top: Section) -> tuple[int, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -25,6 +26,7 @@ AMPLITUDE_AT_1M = 2.2
 # path of the real ping is met at 46 kHz, where its chirp is strong.
 DIRECT_PATH_DB = -4.4
 MAX_RESPONSE_BYTES = 1_000_000
+MAX_LEVEL_DB = 200.0
 
 # After the direct path the housing rings, falling fast for 1 ms, then slowly: energy per ms against
 # the emission at 1 m at 50 kHz, less DIRECT_PATH_DB, read off one real ping. It is stronger at low
@@ -77,19 +79,34 @@ class SensorResponse:
 
     @classmethod
     def _parse(cls, text: str, name: str) -> SensorResponse:
-        lines = [line.split("#")[0].strip() for line in text.splitlines()]
-        rows = [line for line in lines if line and line.replace(" ", "") != _HEADER]
-        try:
-            table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
-        except ValueError as error:
-            raise SceneError(f"{name}: {error}, expected rows like 50000,0 under {_HEADER}") from (
-                error
+        rows: list[tuple[float, float]] = []
+        for number, line in enumerate(text.splitlines(), 1):
+            kept = line.split("#")[0].strip()
+            if kept and kept.replace(" ", "") != _HEADER:
+                rows.append(_row(kept, rows, f"{name}:{number}"))
+        if len(rows) < 2:
+            raise SceneError(
+                f"{name}: met {len(rows)} rows, expected two rows or more of {_HEADER}"
             )
-        if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
-            raise SceneError(f"{name}: met shape {table.shape}, expected two rows or more of two")
-        if not np.isfinite(table).all() or np.any(np.diff(table[:, 0]) <= 0) or table[0, 0] < 0:
-            raise SceneError(f"{name}: expected finite numbers, frequencies rising from 0 Hz on")
-        return cls(table[:, 0], table[:, 1])
+        frequency_hz, level_db = np.array(rows).T
+        return cls(frequency_hz, level_db)
+
+
+def _row(line: str, before: list[tuple[float, float]], where: str) -> tuple[float, float]:
+    """One line of a calibration."""
+    try:
+        frequency_hz, level_db = (float(cell) for cell in line.split(","))
+    except ValueError as error:
+        told = f"{where}: met {line[:40]!r}, expected rows like 50000,0 under {_HEADER}"
+        raise SceneError(told) from error
+    if not (math.isfinite(frequency_hz) and abs(level_db) <= MAX_LEVEL_DB):
+        expected = f"expected finite numbers, levels within {MAX_LEVEL_DB:g} dB"
+        raise SceneError(f"{where}: met {line[:40]!r}, {expected}")
+    lowest = before[-1][0] if before else -1.0
+    if frequency_hz < 0 or frequency_hz <= lowest:
+        expected = "expected frequencies rising from 0 Hz on"
+        raise SceneError(f"{where}: met {frequency_hz:g} Hz after {max(lowest, 0):g}, {expected}")
+    return frequency_hz, level_db
 
 
 _HEADER = "frequency_hz,level_db"

@@ -7,6 +7,7 @@ from ertis_detector.air import Air
 from ertis_detector.piston import piston_pattern
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
+from ertis_simulator.band import Band
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.landmark import Dish, dish_echoes
 from ertis_simulator.propagation import render
@@ -28,13 +29,13 @@ def rendered(echoes, air=AIR, mics=IDEAL):
     return render(echoes, air, CHIRP, NUM_SAMPLES, mics)
 
 
-def exact(path_m, gain, exponent=0.0, sin_emission=0.0, roughness_m=0.0, air=AIR, sensor=None):
+def exact(path_m, gain, exponent=0.0, sin_emission=0.0, roughness_m=0.0, air=AIR, chirp=CHIRP):
     """One echo computed frequency by frequency, in float64, with room against wrap-around."""
-    sensor = sensor or shipped_response()
+    sensor = shipped_response()
     size = 1 << 16
     frequency_hz = np.fft.rfftfreq(size, 1 / RATE_HZ)[1:-1]
     k = 2 * np.pi * frequency_hz / air.speed_of_sound_m_s
-    spectrum = np.fft.rfft(CHIRP, size)[1:-1] * sensor.amplitude(frequency_hz) * AMPLITUDE_AT_1M
+    spectrum = np.fft.rfft(chirp, size)[1:-1] * sensor.amplitude(frequency_hz) * AMPLITUDE_AT_1M
     spectrum = spectrum * k**exponent * piston_pattern(k, np.array(sin_emission))
     spectrum *= np.exp(-2 * (k * roughness_m) ** 2)
     spectrum *= 10 ** (-air.absorption_db_m(frequency_hz) * path_m.mean() / 20)
@@ -77,6 +78,24 @@ def test_one_echo_arrives_when_and_as_strong_as_it_should(point, spectrum):
     path_m = paths_m(point)
     heard = rendered(Echoes.of(path_m, 1 / path_m, **spectrum))
     assert error_db(heard, exact(path_m, 1 / path_m, **spectrum)) <= -50.0
+
+
+@pytest.mark.parametrize(
+    ("chirp", "decimation"),
+    [
+        (Chirp("hyperbolic", 50e3, 25e3), 6),
+        (Chirp("linear", 41e3, 39e3, 10e-3), 8),
+        (Chirp("hyperbolic", 80e3, 20e3), 4),
+        (Chirp("linear", 110e3, 15e3, 1e-3, 0.0), 3),
+    ],
+)
+def test_trains_are_as_fast_as_a_chirp_is_wide_and_lose_nothing_of_it(chirp, decimation):
+    samples, path_m = chirp.samples(RATE_HZ), paths_m((2.5, 0.3, 0.1))
+    assert Band.of(samples, NUM_SAMPLES, shipped_response()).decimation == decimation
+    echo = Echoes.of(path_m, 1 / path_m, sin_emission=0.2)
+    heard = render(echo, AIR, samples, NUM_SAMPLES, IDEAL)
+    expected = exact(path_m, 1 / path_m, sin_emission=0.2, chirp=samples)
+    assert error_db(heard, expected) <= -50.0
 
 
 @pytest.mark.parametrize("path_m", [0.001, 0.012, 0.0206, 0.05])

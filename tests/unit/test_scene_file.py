@@ -3,6 +3,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
+from ertis_driver.audio import PdmDecoder
 from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_simulator.dataset import MAX_AZIMUTH_RAD, RANGE_M, random_scene
 from ertis_simulator.errors import SceneError
@@ -254,6 +255,35 @@ def test_objects_noise_path_and_dead_microphones_are_read(scene_file):
     assert [(dish.label, dish.is_landmark) for dish in scene.dishes] == [("bowl", False)]
     assert scene.dishes[0].dish.depth_m == pytest.approx(0.02)
     assert scene.noise == (AirGun(-50.0, azimuth_rad=np.pi / 2),)
+
+
+def test_a_calibrated_response_beside_the_scene_replaces_the_shipped_one(scene_file, tmp_path):
+    (tmp_path / "mine.csv").write_text("frequency_hz,level_db\n20000,-20\n80000,-20\n")
+    text = "seed: 3\nroom: {floor_reflection: 0, diffuse: 0}\n" + LANDMARK
+    mine = load_scene(scene_file(text + "sensor_response: mine.csv\n"))
+    assert mine.sensor.amplitude(np.array([30e3, 50e3])) == pytest.approx(0.1)
+    shipped = load_scene(scene_file(text))
+    assert shipped.sensor.amplitude(np.array(50e3)) == pytest.approx(1.0)
+    sounds = [PdmDecoder().decode(made.hear(0, NUM_WORDS, CHIRP)).audio for made in (mine, shipped)]
+    quiet, loud = (float(np.std(audio[:, 100:900])) for audio in sounds)
+    assert quiet < loud / 2
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (None, "No such file"),
+        ("20000,-20\n10000,0\n", "mine.csv:2: met 10000 Hz after 20000"),
+        (b"\xff\xfe\x00", "is not text"),
+    ],
+)
+def test_a_bad_response_is_told_with_both_places(scene_file, tmp_path, content, told):
+    if content is not None:
+        content = content if isinstance(content, bytes) else content.encode()
+        (tmp_path / "mine.csv").write_bytes(content)
+    message = refusal(scene_file("seed: 3\nsensor_response: mine.csv\n"))
+    assert "hall.yaml:2:18: sensor_response: " in message
+    assert told in message
 
 
 @pytest.mark.parametrize("kind", ["bowl", "lampshade"])

@@ -87,11 +87,14 @@ def test_a_calibration_replaces_the_shipped_response(tmp_path):
     [
         ("", "two rows or more"),
         ("frequency_hz,level_db\n50000,0\n", "two rows or more"),
-        ("50000,0\n40000,-3\n", "rising"),
-        ("50000,0\n60000,nan\n", "finite"),
-        ("50000,loud\n60000,0\n", "could not convert"),
-        ("50000,0\n60000\n", "rows like"),
-        ("50000,0,1\n60000,0,1\n", "two rows or more"),
+        ("50000,0\n40000,-3\n", r"odd\.csv:2: met 40000 Hz after 50000, .* rising"),
+        ("-1,0\n40000,-3\n", r"odd\.csv:1: .* rising from 0 Hz"),
+        ("# mine\n50000,0\n60000,nan\n", r"odd\.csv:3: met '60000,nan', expected finite"),
+        ("inf,0\n60000,0\n", r"odd\.csv:1: .* finite"),
+        ("50000,0\n60000,1e9\n", r"odd\.csv:2: .* within 200 dB"),
+        ("50000,loud\n60000,0\n", r"odd\.csv:1: met '50000,loud', expected rows like"),
+        ("50000,0\n60000\n", r"odd\.csv:2: met '60000', expected rows like"),
+        ("50000,0,1\n60000,0,1\n", r"odd\.csv:1: .* rows like"),
     ],
 )
 def test_a_calibration_that_is_none_says_why(tmp_path, text, told):
