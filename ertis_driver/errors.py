@@ -69,5 +69,9 @@ class RecordingError(ErtisError):
     """A recording cannot be read: foreign, truncated or damaged."""
 
 
+class DatasetError(ErtisError):
+    """A labelled data set's table or files are not as they should be: correct what it names."""
+
+
 class EndOfRecording(ErtisError):
     """A replay has played its last ping."""

@@ -6,9 +6,6 @@ already is kept, so that an interrupted run goes on where it was.
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import io
 import json
 import math
 import shutil
@@ -20,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ertis_driver.chirp import Chirp
+from ertis_driver.dataset import PART, DatasetRow, file_sha256, replace_file, write_table
 from ertis_driver.errors import RecordingError
 from ertis_driver.frame import AUDIO_RATE_HZ, DEFAULT_NUM_WORDS, PdmFrame
 from ertis_driver.recording import RecordingInfo, RecordingWriter, read_recording
@@ -27,23 +25,10 @@ from ertis_simulator.errors import SceneError
 from ertis_simulator.paper_dataset import NONE, VARIANTS, PlannedPing, build_scene, plan
 
 GENERATOR = 1  # raised when the same seed comes to mean other files
-MANIFEST, METADATA = "dataset.json", "metadata.csv"
-COLUMNS = (
-    "file_name",
-    "label",
-    "range_m",
-    "azimuth_deg",
-    "yaw_deg",
-    "environment",
-    "session",
-    "operator",
-    "sha256",
-    "quality",
-)
+MANIFEST = "dataset.json"
 OPERATOR = "simulated"
 PING_BYTES = 4 * DEFAULT_NUM_WORDS + 8_192  # of a file, truth and all
 WEAK_DB = 0.0  # below it, a landmark's own echo is not the strongest thing in its fragment
-_PART = ".part"
 _PERIOD_NS = 100_000_000  # no clock ran: 10 pings a second from the epoch, for reproducible files
 
 
@@ -99,7 +84,7 @@ def make_dataset(
     ------
     SceneError
         If the folder holds something else.
-    RecordingError
+    RecordingError, DatasetError
         If a file cannot be written or read; a full disk is named before the work begins.
     """
     pings = plan(spec.num_pings)
@@ -114,7 +99,7 @@ def make_dataset(
             rows.append(row)
             made += is_new
             progress(len(rows))
-    _replace(folder / METADATA, _csv(rows))
+    write_table(folder, rows)
     return made
 
 
@@ -140,14 +125,14 @@ def _prepare(folder: Path, spec: DatasetSpec, pings: Sequence[PlannedPing]) -> N
             f"{folder}: {free / 1e6:.0f} MB free, expected {needed / 1e6:.0f} MB for {missing} "
             "pings: free some, or make fewer with -n"
         )
-    _replace(manifest, spec.manifest())
+    replace_file(manifest, spec.manifest().encode())
 
 
 def _leave_interrupts_to_the_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _make(job: tuple[str, DatasetSpec, PlannedPing]) -> tuple[dict[str, str], bool]:
+def _make(job: tuple[str, DatasetSpec, PlannedPing]) -> tuple[DatasetRow, bool]:
     """Make one file if it is not there; its row of the table. Runs in a worker process."""
     folder, spec, ping = job
     path = Path(folder) / ping.file_name
@@ -189,21 +174,21 @@ def _record(path: Path, spec: DatasetSpec, ping: PlannedPing) -> None:
         part.unlink(missing_ok=True)
 
 
-def _row(path: Path, ping: PlannedPing, truth: dict[str, Any]) -> dict[str, str]:
+def _row(path: Path, ping: PlannedPing, truth: dict[str, Any]) -> DatasetRow:
     said = truth["label"]
     yaw_deg = said["yaw_deg"]
-    return {
-        "file_name": ping.file_name,
-        "label": said["label"],
-        "range_m": f"{said['range_m']:.4f}",
-        "azimuth_deg": f"{said['azimuth_deg']:.2f}",
-        "yaw_deg": "" if yaw_deg is None else f"{yaw_deg:.2f}",
-        "environment": said["environment"],
-        "session": said["session"],
-        "operator": OPERATOR,
-        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-        "quality": _quality(truth),
-    }
+    return DatasetRow(
+        file_name=ping.file_name,
+        label=said["label"],
+        range_m=said["range_m"],
+        azimuth_rad=math.radians(said["azimuth_deg"]),
+        yaw_rad=math.nan if yaw_deg is None else math.radians(yaw_deg),
+        environment=said["environment"],
+        session=said["session"],
+        operator=OPERATOR,
+        sha256=file_sha256(path),
+        quality=_quality(truth),
+    )
 
 
 def _quality(truth: dict[str, Any]) -> str:
@@ -217,26 +202,8 @@ def _quality(truth: dict[str, Any]) -> str:
     return "weak" if ratio_db is None or ratio_db < WEAK_DB else "good"
 
 
-def _csv(rows: Sequence[dict[str, str]]) -> str:
-    text = io.StringIO()
-    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    return text.getvalue()
-
-
-def _replace(path: Path, text: str) -> None:
-    part = _part_of(path)
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise _failed(path, error) from error
-
-
 def _part_of(path: Path) -> Path:
-    return path.with_name(path.name + _PART)
+    return path.with_name(path.name + PART)
 
 
 def _failed(path: object, error: OSError) -> RecordingError:

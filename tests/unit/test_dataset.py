@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from ertis_daemon.cli import main
+from ertis_driver.dataset import COLUMNS
 from ertis_driver.recording import read_recording
-from ertis_simulator.dataset_files import COLUMNS
 from ertis_simulator.environments import ENVIRONMENTS
 from ertis_simulator.paper_dataset import (
     LABELS,
