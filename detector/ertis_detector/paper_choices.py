@@ -91,7 +91,7 @@ class PaperChoices:
         for name, low, high in (
             ("filter_order", 0, 10),
             ("num_bins", 2, 128),
-            ("penalty", 1e-6, 1e4),
+            ("penalty", 1e-6, 100),
         ):
             if not low <= getattr(self, name) <= high:
                 raise EvaluationError(
@@ -153,7 +153,7 @@ ALTERNATIVES: Mapping[str, tuple[str, ...]] = {
     "num_bins": ("10", "40", "64"),
     "spreading": ("undone",),
     "scaling": ("unit", "minmax", "none"),
-    "penalty": ("0.01", "0.1", "10", "100"),
+    "penalty": ("0.01", "0.1", "10"),
     "stages": ("one",),
     "weighting": ("balanced",),
 }

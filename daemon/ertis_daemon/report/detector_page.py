@@ -19,7 +19,7 @@ from ertis_daemon.report.drawing import svg
 from ertis_daemon.report.page import Page
 from ertis_detector.accuracy import AXES
 from ertis_detector.evaluate import Evaluation, Rate
-from ertis_detector.intervals import Interval
+from ertis_detector.intervals import Interval, garwood
 
 PERIOD_MS = 36.4  # of a ping at the device's 27.5 Hz
 
@@ -257,7 +257,7 @@ def _false(told: Evaluation) -> str:
 def _needed(told: Evaluation) -> str:
     """How much silence a small rate of false alarms takes to be shown."""
     rate_hz = told.false_alarms.rate_hz
-    minute, hour = (math.ceil(3.7 * rate_hz * seconds) for seconds in (60, 3600))
+    minute, hour = (math.ceil(garwood(0, 1.0)[1] * rate_hz * seconds) for seconds in (60, 3600))
     return (
         f"Without any false report, at {rate_hz:g} Hz it takes {minute} landmark-free pings to "
         f"show fewer than one a minute, and {hour} to show fewer than one an hour (95 %, "

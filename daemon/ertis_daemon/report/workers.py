@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import get_context
@@ -11,7 +10,6 @@ from typing import Any, TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_POLITE = 10  # an evaluation waits; whatever else runs on that machine may not
 _kept: Callable[[Any], Any] | None = None
 
 
@@ -49,7 +47,6 @@ def _begin(function: Callable[[Any], Any]) -> None:
     global _kept
     _kept = function
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    os.nice(_POLITE)
 
 
 def _call(item: Any) -> Any:
