@@ -11,3 +11,7 @@ class ModelError(DetectorError):
 
 class ModelMismatch(DetectorError):
     """A model and the device's settings do not belong together: change one of them."""
+
+
+class EvaluationError(DetectorError):
+    """What is to be evaluated is too little, or asked for in a way that does not exist."""

@@ -27,6 +27,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "simulate": ("ertis_daemon.cli.simulate", "record a simulated scene, or many random ones"),
     "validate": ("ertis_daemon.cli.validate", "hold the simulator against physics and a real ping"),
     "train": ("ertis_daemon.cli.train", "make a model from recordings with truth"),
+    "evaluate": ("ertis_daemon.cli.evaluate", "say how good a detector or a method is on data"),
     "demo": ("ertis_daemon.cli.demo", "see it all work, on a simulated scene"),
 }
 

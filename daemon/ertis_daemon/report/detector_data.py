@@ -1,0 +1,255 @@
+"""The detector run over recordings whose truth is known."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ertis_daemon.pipeline import build_scanner
+from ertis_daemon.report.workers import Workers
+from ertis_detector.air import Air
+from ertis_detector.detector import LandmarkDetector
+from ertis_detector.evaluate import DEFAULT_RATE_HZ, Evaluation, evaluate
+from ertis_detector.matching import JudgedPing, TrueLandmark
+from ertis_detector.model import Model, file_sha256, load_model, shipped_model
+from ertis_driver.audio import PdmDecoder, whole_samples
+from ertis_driver.audio_filter import FILTER_VERSION
+from ertis_driver.dataset import METADATA, Dataset, DatasetRow, open_dataset
+from ertis_driver.device import Settings
+from ertis_driver.errors import RecordingError
+from ertis_driver.recording import RecordedPing, RecordingInfo, open_recording
+
+if TYPE_CHECKING:
+    from ertis_driver.chirp import Emission
+
+NOMINAL_TEMPERATURE_C = 20.0
+FLOOR = 0.05  # the curve over thresholds begins here; less probable reports are not looked at
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Pings to judge: a labelled data set's row, or a recording with truth in it."""
+
+    path: Path
+    row: DatasetRow | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What became of one source, and who made it."""
+
+    pings: tuple[JudgedPing, ...]
+    made_by: str
+    chirp: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectorReport:
+    """What came out, of what.
+
+    data : name of each data set or recording, and its manifest or file hash
+    model, model_source, model_data : as its card says
+    """
+
+    data: tuple[tuple[str, str], ...]
+    sources: tuple[str, ...]
+    chirps: tuple[str, ...]
+    model: str
+    model_source: str
+    model_data: str
+    evaluation: Evaluation
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Decodes pings, lets the detector look, and puts its reports beside the truth."""
+
+    model: Path | None
+    min_probability: float
+
+    def __call__(self, source: Source) -> Judged:
+        """Every ping of one source.
+
+        Raises
+        ------
+        RecordingError, DetectorError
+        """
+        recording = open_recording(source.path)
+        chirp = recording.info.chirp
+        if chirp is None:
+            raise RecordingError(
+                f"{source.path} says no chirp, expected one: record it with its chirp"
+            )
+        judged = tuple(self._judge(source, recording.info, chirp, ping) for ping in recording)
+        return Judged(judged, recording.info.source, chirp.name)
+
+    def _judge(
+        self, source: Source, info: RecordingInfo, chirp: Emission, ping: RecordedPing
+    ) -> JudgedPing:
+        landmarks = _truth(source, ping)
+        temperature_c = ping.temperature_c
+        if temperature_c is None:
+            temperature_c = NOMINAL_TEMPERATURE_C
+        detector = LandmarkDetector(
+            model_for(self.model, chirp.name, self._models),
+            build_scanner(
+                Settings(chirp, info.num_words, pdm_rate_hz=info.pdm_rate_hz),
+                Air(temperature_c).speed_of_sound_m_s,
+            ),
+            chirp=chirp.name,
+            audio_filter=FILTER_VERSION,
+            min_probability=self.min_probability,
+        )
+        audio = self._decoder.decode(whole_samples(ping.frame.words)).audio
+        detector.detect(audio)  # a detector just built is cold, one that runs is not
+        begun = time.thread_time()  # of the processor: neighbours do not count
+        found = detector.detect(audio)
+        seconds = time.thread_time() - begun
+        return JudgedPing(landmarks, tuple(found), seconds, _group(source, ping))
+
+    @cached_property
+    def _decoder(self) -> PdmDecoder:
+        return PdmDecoder()
+
+    @cached_property
+    def _models(self) -> dict[str, Model]:
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"model": self.model, "min_probability": self.min_probability}
+
+
+def model_for(path: Path | None, chirp: str, known: dict[str, Model]) -> Model:
+    """The model named, or the one shipped for the chirp.
+
+    Raises
+    ------
+    DetectorError
+        If it cannot be read, or there is none for the chirp.
+    """
+    if chirp not in known:
+        known[chirp] = load_model(shipped_model(chirp) if path is None else path)
+    return known[chirp]
+
+
+def judge(
+    paths: Sequence[Path],
+    model: Path | None = None,
+    *,
+    min_probability: float | None = None,
+    rate_hz: float = DEFAULT_RATE_HZ,
+    workers: int = 1,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> DetectorReport:
+    """Run a detector over data sets and recordings, and judge it.
+
+    Parameters
+    ----------
+    paths : folders of labelled data sets, or recordings with truth
+    model : file; None for the one shipped for the recordings' chirp
+    min_probability : float or None
+        Reporting threshold; None for the model's own.
+    rate_hz : float
+        Pings a second that false alarms are told for.
+    workers : int
+        Processes.
+
+    Raises
+    ------
+    DatasetError, RecordingError, DetectorError
+    """
+    sources, data = _sources(paths)
+    first = open_recording(sources[0].path).info.chirp
+    if first is None:
+        raise RecordingError(f"{sources[0].path} says no chirp, expected one")
+    used = model_for(model, first.name, {})
+    threshold = used.card.min_probability if min_probability is None else min_probability
+    reading = Workers(workers, lambda done, of: progress("recordings heard", done, of))
+    judged = list(reading(Judge(model, min(FLOOR, threshold)), sources))
+    chirps = tuple(sorted({one.chirp for one in judged}))
+    if len(chirps) > 1:
+        raise RecordingError(
+            f"recordings with chirps {', '.join(chirps)}: judge one detector at a time"
+        )
+    return DetectorReport(
+        data=tuple(data),
+        sources=tuple(sorted({one.made_by for one in judged})),
+        chirps=chirps,
+        model=used.name,
+        model_source=used.card.source,
+        model_data=used.card.data,
+        evaluation=evaluate(
+            [ping for one in judged for ping in one.pings], threshold, rate_hz=rate_hz
+        ),
+    )
+
+
+def _sources(paths: Sequence[Path]) -> tuple[list[Source], list[tuple[str, str]]]:
+    sources: list[Source] = []
+    data = []
+    for path in paths:
+        if path.is_dir():
+            dataset = open_dataset(path)
+            sources += _rows(dataset)
+            data.append((str(path), f"manifest {dataset.manifest_hash}"))
+        else:
+            open_recording(path)
+            sources.append(Source(path))
+            data.append((str(path), f"sha256 {file_sha256(path)}"))
+    return sources, data
+
+
+def _rows(dataset: Dataset) -> list[Source]:
+    if not dataset.rows:
+        raise RecordingError(f"{dataset.folder / METADATA} has no row: record something first")
+    return [Source(dataset.path(row), row) for row in dataset.rows]
+
+
+def _group(source: Source, ping: RecordedPing) -> str:
+    if source.row is not None:
+        return f"{source.row.environment}/{source.row.session}"
+    scene = (ping.truth or {}).get("scene", "")
+    return f"{source.path} {scene}"
+
+
+def _truth(source: Source, ping: RecordedPing) -> tuple[TrueLandmark, ...]:
+    """What the recording says; a live one's row says where its label points."""
+    if ping.truth is not None:
+        try:
+            return tuple(_landmark(one) for one in ping.truth["landmarks"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordingError(
+                f"{source.path}: ping {ping.frame.ping_index}: its truth lacks or garbles "
+                f"a landmark's field: {error}"
+            ) from error
+    row = source.row
+    if row is None:
+        raise RecordingError(
+            f"{source.path}: ping {ping.frame.ping_index} has no truth: nothing to judge by"
+        )
+    if row.label == "none":
+        return ()
+    if math.isnan(row.range_m) or math.isnan(row.azimuth_rad):
+        raise RecordingError(
+            f"{source.path}: its label {row.label} has no range or no azimuth, expected both in "
+            f"{METADATA}"
+        )
+    return (TrueLandmark(row.label, row.range_m, row.azimuth_rad, tilt_rad=abs(row.yaw_rad)),)
+
+
+def _landmark(one: dict[str, Any]) -> TrueLandmark:
+    ratio_db = one.get("own_to_rest_db")
+    return TrueLandmark(
+        label=str(one["label"]),
+        range_m=float(one["range_m"]),
+        azimuth_rad=float(one["azimuth_rad"]),
+        elevation_rad=float(one["elevation_rad"]),
+        tilt_rad=float(one.get("tilt_rad", math.nan)),
+        visible=bool(one["visible"]),
+        own_to_rest_db=math.nan if ratio_db is None else float(ratio_db),
+    )

@@ -1,0 +1,33 @@
+"""The methods that the strict protocol compares, by the name that the command line knows."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping, Sequence
+
+from ertis_detector.method import Method
+from ertis_driver.errors import SettingsError
+
+# name -> (module, class); built without arguments, imported only when asked for.
+METHODS: Mapping[str, tuple[str, str]] = {
+    "paper": ("ertis_detector.paper", "PaperMethod"),
+}
+
+
+def build_methods(names: Sequence[str]) -> list[Method]:
+    """Methods in the order of their names.
+
+    Raises
+    ------
+    SettingsError
+        If one does not exist, or is named twice.
+    """
+    for name in names:
+        if name not in METHODS:
+            raise SettingsError(f"no method {name!r}, expected some of {', '.join(METHODS)}")
+    if len(set(names)) < len(names):
+        raise SettingsError(f"methods {', '.join(names)}: each can be named once")
+    return [
+        getattr(importlib.import_module(module), kind)()
+        for module, kind in (METHODS[name] for name in names)
+    ]
