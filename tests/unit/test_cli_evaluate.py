@@ -2,12 +2,15 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 from ertis_daemon.cli import main
+from ertis_daemon.report import detector_page
+from ertis_daemon.report.detector_data import judge
 from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.dataset import DatasetRow, open_dataset, write_table
 from ertis_driver.frame import DEFAULT_NUM_WORDS, PdmFrame
@@ -255,6 +258,17 @@ def test_the_detector_is_judged_on_a_live_data_set_by_its_labels(dataset, capsys
     assert told["false_alarms"]["free_pings"] == 8
     assert {one["low"] for one in told["over"]["range (m)"]} == {1.0}
     assert told["over"]["signal-to-clutter (dB)"] == []  # nobody knows
+
+
+def test_a_model_that_was_trained_on_what_it_is_judged_by_is_named_so(recording, capsys):
+    report = judge([recording])
+    assert report.met_before == ()
+    assert "TRAINED ON" not in detector_page.text(report)
+    digest = report.data[0][1].split()[-1]
+    boast = replace(report, model_data=f"2 pings: {recording} sha256 {digest[:16]}")
+    assert boast.met_before == (str(recording),)
+    assert f"THE MODEL WAS TRAINED ON {recording}" in detector_page.text(boast)
+    assert detector_page.as_json(boast)["trained_on"] == [str(recording)]
 
 
 def test_a_recording_without_truth_or_chirp_says_so(tmp_path, capsys):
