@@ -64,6 +64,13 @@ class DetectorReport:
     model_data: str
     evaluation: Evaluation
 
+    @property
+    def met_before(self) -> tuple[str, ...]:
+        """Data that the model's card says it was trained on: nothing can be judged by them."""
+        return tuple(
+            name for name, digest in self.data if digest.split()[-1][:16] in self.model_data
+        )
+
 
 @dataclass(frozen=True)
 class Judge:

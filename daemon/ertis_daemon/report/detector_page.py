@@ -42,6 +42,7 @@ def as_json(report: DetectorReport) -> dict[str, Any]:
         "model": report.model,
         "model_source": report.model_source,
         "model_data": report.model_data,
+        "trained_on": list(report.met_before),
         "pings": told.num_pings,
         "groups": told.num_groups,
         "threshold": told.threshold,
@@ -174,11 +175,16 @@ def page(report: DetectorReport, command: str) -> Page:
 def _about(report: DetectorReport) -> str:
     told = report.evaluation
     simulated = "simulated " if report.sources == ("sim",) else ""
+    met = (
+        f". THE MODEL WAS TRAINED ON {', '.join(report.met_before)}: these figures flatter it"
+        if report.met_before
+        else ""
+    )
     return (
         f"{told.num_pings} {simulated}pings in {told.num_groups} groups of "
         f"{', '.join(name for name, _ in report.data)}; model {report.model}, trained on "
         f"{'simulated' if report.model_source == 'sim' else report.model_source} echoes; "
-        f"threshold {told.threshold:g}"
+        f"threshold {told.threshold:g}{met}"
     )
 
 

@@ -61,7 +61,11 @@ def confusion(axis: Any, counts: Float, names: Sequence[str], title: str) -> Non
     """Counts with truth down; shaded by the share of each row."""
     rows = np.maximum(counts.sum(axis=1, keepdims=True), 1e-9)
     share = counts / rows
-    axis.imshow(share, cmap="Blues", vmin=0, vmax=1)
+    edges = np.arange(len(names) + 1) - 0.5
+    # Cells as shapes: an image would be pixels inside the page.
+    axis.pcolormesh(edges, edges, share, cmap="Blues", vmin=0, vmax=1)
+    axis.invert_yaxis()
+    axis.set_aspect("equal")
     for i in range(len(names)):
         for j in range(len(names)):
             axis.text(

@@ -30,7 +30,6 @@ from ertis_detector.protocol import (
 from ertis_driver.dataset import Dataset
 
 PAPER_FIGURES = {"detection": (89.1, 0.8), "size": (67.2, 1.3), "overall": (73.8, 0.9)}  # percent
-SWEEP_REPEATS = 2  # a choice's effect is looked for in whole points: leave the fine print out
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +53,14 @@ class SweptChoice:
     """One choice made otherwise.
 
     change : ``name=value``
-    outcomes : by way of splitting
-    gains : of each task over the default, environment left out (or random folds, if there is but
-        one environment), paired
+    split : the environment left out, or random folds if there is but one environment
+    outcome : by that split
+    gains : of each task over the default, paired
     """
 
     change: str
-    outcomes: dict[str, Outcome]
+    split: str
+    outcome: Outcome
     gains: tuple[Accuracy, ...]
 
 
@@ -167,19 +167,19 @@ def _sweep(
     labels: Labels,
     workers: Workers,
 ) -> list[SweptChoice]:
-    ways = splits(labels, min(SWEEP_REPEATS, spec.repeats), spec.folds, spec.seed)
-    ways = {name: passes for name, passes in ways.items() if name in (RANDOM, ENVIRONMENT)}
+    ways = splits(labels, spec.repeats, spec.folds, spec.seed)
+    told = ENVIRONMENT if ENVIRONMENT in ways else RANDOM  # rooms that nobody heard, if there are
     default, *others = run_protocol(
         [Contestant(PaperMethod(one), arrays[one.preparation]) for one in (spec.choices, *swept)],
         labels,
-        ways,
+        {told: ways[told]},
         workers,
     )
-    told = ENVIRONMENT if ENVIRONMENT in ways else RANDOM
     return [
         SweptChoice(
             one.difference(spec.choices),
-            outcomes,
+            told,
+            outcomes[told],
             tuple(gain(outcomes[told], default[told], task, labels) for task in range(3)),
         )
         for one, outcomes in zip(swept, others, strict=True)

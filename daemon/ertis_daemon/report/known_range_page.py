@@ -64,7 +64,7 @@ def as_json(report: KnownRangeReport) -> dict[str, Any]:
             {
                 "change": one.change,
                 "gains": _accuracies_json(one.gains),
-                **{way: _accuracies_json(o.accuracies) for way, o in one.outcomes.items()},
+                one.split: _accuracies_json(one.outcome.accuracies),
             }
             for one in report.sweep
         ],
@@ -130,9 +130,9 @@ _WHY = (
     "too coarse to know it."
 )
 _SWEEP_CAPTION = (
-    "Each row changes one choice of the default. Percent overall by random folds and with the "
-    "environment left out; then the gain over the default with the environment left out, in "
-    "points, with its 95 % interval, paired. One interval in twenty excludes nothing by chance."
+    "Each row changes one choice of the default, the environment left out (random folds, if there "
+    "is but one). Percent, then the gain over the default in points with its 95 % interval, "
+    "paired. Of twenty intervals one leaves zero out by chance."
 )
 
 
@@ -214,15 +214,13 @@ def _by_environment(report: KnownRangeReport) -> list[tuple[str, ...]]:
 
 
 def _sweep_rows(report: KnownRangeReport) -> list[tuple[str, ...]]:
-    ways = list(report.sweep[0].outcomes)
-    head = ("changed", *(f"overall, {way}" for way in ways), *(f"gain, {name}" for name in HEAD))
-    overall = TASKS.index("overall")
+    head = ("changed", *(f"{name}: {what}" for what in ("%", "gain") for name in HEAD))
     return [
         head,
         *(
             (
                 one.change,
-                *(f"{100 * one.outcomes[way].accuracies[overall].mean:.1f}" for way in ways),
+                *(f"{100 * accuracy.mean:.1f}" for accuracy in one.outcome.accuracies),
                 *map(_points, one.gains),
             )
             for one in report.sweep

@@ -11,6 +11,7 @@ from ertis_driver.errors import SettingsError
 # name -> (module, class); built without arguments, imported only when asked for.
 METHODS: Mapping[str, tuple[str, str]] = {
     "paper": ("ertis_detector.paper", "PaperMethod"),
+    "peaks": ("ertis_detector.peak_method", "PeakMethod"),
 }
 
 
