@@ -17,7 +17,6 @@ from ertis_driver.frame import NUM_MICS
 from ertis_driver.protocol import Bytes, RawFrame, decode_frame, encode_frame
 
 PLAIN, PLANES = "ertis-frame", "ertis-frame-planes-zstd"
-FRAME_ENCODINGS = (PLAIN, PLANES)
 LEVEL = 1  # what is higher takes longer than a ping, for a tenth less
 _HEAD = struct.Struct("<II")  # ping index, number of words
 

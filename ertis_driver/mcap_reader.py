@@ -10,7 +10,7 @@ from typing import Any
 
 from mcap.records import Channel, Message
 
-from ertis_driver.codec import FRAME_ENCODINGS, decode_recorded
+from ertis_driver.codec import decode_recorded
 from ertis_driver.errors import FrameCorrupt, RecordingDamaged, RecordingError
 from ertis_driver.frame import PdmFrame
 from ertis_driver.mcap_format import (
@@ -25,8 +25,8 @@ from ertis_driver.mcap_format import (
 from ertis_driver.mcap_stream import records
 from ertis_driver.recording_info import METADATA, RecordedPing, RecordingInfo, from_strings
 
-# All that JSON of the wrong kind has been seen to raise.
-_WRONG_JSON = (ValueError, KeyError, TypeError, RecursionError)
+# What ``make_ping`` raises; the last three JSON of the wrong kind.
+NO_PING = (FrameCorrupt, ValueError, KeyError, TypeError, RecursionError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,12 +94,12 @@ def read_entries(path: Path) -> Iterator[Entry]:
                     yield Entry(record.offset, channel, message)
                     counter.pings += channel.topic == "pdm"
         except Damage as error:
-            raise _damaged(path, error, counter.pings) from error
+            raise damaged(path, error, counter.pings) from error
         except KeyError as error:
             damage = Damage(record.offset, f"message of unknown channel {error}")
-            raise _damaged(path, damage, counter.pings) from error
+            raise damaged(path, damage, counter.pings) from error
         except ValueError as error:
-            raise _damaged(path, Damage(record.offset, str(error)), counter.pings) from error
+            raise damaged(path, Damage(record.offset, str(error)), counter.pings) from error
 
 
 def read_pings(path: Path, info: RecordingInfo) -> Iterator[RecordedPing]:
@@ -119,9 +119,9 @@ def read_pings(path: Path, info: RecordingInfo) -> Iterator[RecordedPing]:
             continue
         try:
             ping = make_ping(parts, entry.channel.message_encoding, info)
-        except (FrameCorrupt, *_WRONG_JSON) as error:
+        except NO_PING as error:
             what = str(error) or type(error).__name__
-            raise _damaged(path, Damage(entry.offset, what), num_pings) from error
+            raise damaged(path, Damage(entry.offset, what), num_pings) from error
         yield ping
         num_pings += 1
         parts = {}
@@ -168,7 +168,7 @@ def _checked_records(path: Path, counter: _Counter) -> Iterator[Record]:
         with path.open("rb") as file:
             yield from records(file)
     except Damage as error:
-        raise _damaged(path, error, counter.pings) from error
+        raise damaged(path, error, counter.pings) from error
     except OSError as error:
         raise RecordingError(
             f"cannot read {path} after {counter.pings} pings: {error.strerror}"
@@ -179,10 +179,11 @@ def _parsed(path: Path, record: Record) -> Any:
     try:
         return parse_metadata(record.content)
     except ValueError as error:
-        raise _damaged(path, Damage(record.offset, str(error)), 0) from error
+        raise damaged(path, Damage(record.offset, str(error)), 0) from error
 
 
-def _damaged(path: Path, damage: Damage, num_pings: int) -> RecordingError:
+def damaged(path: Path, damage: Damage, num_pings: int) -> RecordingError:
+    """The error that says where a recording is damaged, in one line."""
     if damage.offset == 0 and not damage.is_cut:
         return RecordingError(f"{path} is no recording ({damage.what}): name another file")
     if damage.offset == 0 and path.stat().st_size == 0:
@@ -196,6 +197,3 @@ def _damaged(path: Path, damage: Damage, num_pings: int) -> RecordingError:
         num_pings=num_pings,
         is_cut=damage.is_cut,
     )
-
-
-__all__ = ["FRAME_ENCODINGS", "Entry", "make_ping", "read_entries", "read_info", "read_pings"]

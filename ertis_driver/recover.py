@@ -19,7 +19,7 @@ from ertis_driver.mcap_format import (
     parse_metadata,
     parse_schema,
 )
-from ertis_driver.mcap_reader import make_ping
+from ertis_driver.mcap_reader import NO_PING, make_ping
 from ertis_driver.mcap_salvage import Hole, salvage
 from ertis_driver.mcap_summary import read_summary
 from ertis_driver.mcap_writer import McapWriter, Outgoing
@@ -33,7 +33,6 @@ from ertis_driver.recording_info import (
 )
 
 _OF_A_PING = ("ping", "truth", "truth/points")
-_NO_PING = (FrameCorrupt, ValueError, KeyError, TypeError, RecursionError)
 
 
 @dataclass(slots=True)
@@ -157,7 +156,7 @@ class _Saving:
         messages = {topic: part for topic, (_, part) in self._parts.items()}
         try:
             make_ping(messages, channel.message_encoding, self._info)
-        except _NO_PING as error:
+        except NO_PING as error:
             what = f"no whole ping: {error}"
             self._recovery.holes.append(Hole(-1, -1, what))
             self._recovery.pings_lost += 1
