@@ -47,8 +47,8 @@ class RecordingWriter(Closing):
     compress
         Frames take a third less, and 10 ms of a core each.
     sync_period_s
-        How often to wait for the disk, so that a loss of power costs no more than this; None
-        leaves it to the system. 0 is after each ping.
+        How often to have the disk take what was written, so that a loss of power costs no more than
+        this; a thread waits for it. 0 waits after each ping; None leaves it to the system.
     event_schema
         JSON Schema of what ``write_event`` takes.
 
@@ -73,6 +73,8 @@ class RecordingWriter(Closing):
         self._encoding = PLANES if compress else PLAIN
         self._sync_period_s = sync_period_s
         self._synced_s = time.monotonic()
+        self._syncing: threading.Thread | None = None
+        self._sync_error: RecordingError | None = None
         self._sequences: Counter[str] = Counter()
         self._lock = threading.RLock()
         self._mcap = McapWriter(self.path, CREATED_BY)
@@ -189,6 +191,8 @@ class RecordingWriter(Closing):
         RecordingError
             If the disk does not take the end.
         """
+        if self._syncing is not None:
+            self._syncing.join()
         with self._lock:
             self._mcap.close(sync=self._sync_period_s is not None)
 
@@ -214,11 +218,27 @@ class RecordingWriter(Closing):
                 ]
             )
             self._sequences.update(given.keys())
-            if self._sync_period_s is None:
-                return
-            if time.monotonic() - self._synced_s >= self._sync_period_s:
-                self._mcap.sync()
-                self._synced_s = time.monotonic()
+            self._sync_if_due()
+
+    def _sync_if_due(self) -> None:
+        if self._sync_error is not None:
+            raise self._sync_error
+        period_s, now_s = self._sync_period_s, time.monotonic()
+        if period_s is None or now_s - self._synced_s < period_s:
+            return
+        if period_s == 0:
+            self._mcap.sync()
+        elif self._syncing is None or not self._syncing.is_alive():
+            # A slow disk must not keep the sonar waiting.
+            self._synced_s = now_s
+            self._syncing = threading.Thread(target=self._sync, name="sync", daemon=True)
+            self._syncing.start()
+
+    def _sync(self) -> None:
+        try:
+            self._mcap.sync()
+        except RecordingError as error:
+            self._sync_error = error
 
     def _json(self, value: dict[str, Any]) -> bytes:
         try:

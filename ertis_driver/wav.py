@@ -20,7 +20,7 @@ _UNKNOWN = 0xFFFFFFFF
 
 
 class WavWriter(Closing):
-    """Writes float32 samples, block after block; each block is marked by a cue point.
+    """Writes float32 samples, block after block.
 
     Parameters
     ----------
@@ -52,7 +52,6 @@ class WavWriter(Closing):
         self._channels, self._rate_hz, self._comment = num_channels, rate_hz, comment
         self._max_riff_bytes = max_riff_bytes
         self._frames = 0
-        self._cues: list[int] = []
         try:
             self._file: IO[bytes] = path.open("xb")
             self._file.write(self._head())
@@ -78,7 +77,6 @@ class WavWriter(Closing):
             self._file.write(np.ascontiguousarray(audio.T, "<f4").data)
         except OSError as error:
             raise self._failed(error) from error
-        self._cues.append(self._frames)
         self._frames += audio.shape[1]
 
     def close(self) -> None:
@@ -119,16 +117,10 @@ class WavWriter(Closing):
         return riff + (large if is_large else small) + fmt + fact + data
 
     def _tail(self) -> bytes:
-        cues = [frame for frame in self._cues if frame <= _UNKNOWN]
-        points = b"".join(
-            struct.pack("<II4sIII", number + 1, frame, b"data", 0, 0, frame)
-            for number, frame in enumerate(cues)
-        )
-        cue = struct.pack("<4sII", b"cue ", 4 + len(points), len(cues)) + points
         text = self._comment.encode("utf-8") + b"\0"
         text += bytes(len(text) % 2)
         info = b"INFO" + struct.pack("<4sI", b"ICMT", len(text)) + text
-        return cue + struct.pack("<4sI", b"LIST", len(info)) + info
+        return struct.pack("<4sI", b"LIST", len(info)) + info
 
     def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(f"cannot write {self.path}: {error.strerror}")

@@ -120,8 +120,9 @@ def test_threads_may_share_a_writer(tmp_path):
     assert read_summary(path).num_messages["events"] == 600
 
 
-def test_synchronising_each_ping_changes_nothing_in_the_file(tmp_path):
-    write_all(tmp_path / "a.mcap", sync_period_s=0.0)
+@pytest.mark.parametrize("period_s", [0.0, 1e-6])
+def test_synchronising_changes_nothing_in_the_file(tmp_path, period_s):
+    write_all(tmp_path / "a.mcap", sync_period_s=period_s)
     write_all(tmp_path / "b.mcap")
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 

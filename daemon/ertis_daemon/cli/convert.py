@@ -17,7 +17,7 @@ EPILOG = """\
 The suffix of OUT says what is made:
   .mcap  a recording; pings, truth and what is known about them
   .bin   headerless uint32 PDM words, as the incumbent's client writes and reads them
-  .wav   audio at 450 kHz, 32 channels of float32, a cue point a ping; RF64 from 4 GB on
+  .wav   audio at 450 kHz, 32 channels of float32, ping after ping; RF64 from 4 GB on
   .csv   the events of a recording, a landmark a row
 
 for example

@@ -107,10 +107,10 @@ def run(args: argparse.Namespace) -> int:
         looker = Looker(
             settings, _speed_m_s(args), sonar.info.source, pictures=not args.no_pictures
         )
-        if looker.why_no_pictures:
-            print(f"ertis: no pictures: {looker.why_no_pictures}", file=sys.stderr)
         writer = _writer(args, _info(args, sonar, settings))
         stack.callback(writer.close)
+        if looker.why_no_pictures:
+            print(f"ertis: no pictures: {looker.why_no_pictures}", file=sys.stderr)
         line = _LiveLine(writer)
         session = Session(
             sonar,

@@ -158,7 +158,7 @@ class _Wav(_Output):
             NUM_MICS,
             info.pdm_rate_hz // DECIMATION,
             comment=f"eRTIS sonar, {_SAID[info.source]}, chirp {chirp.name if chirp else 'unknown'}"
-            ", a cue point a ping, channel = microphone row",
+            f", {info.num_words // DECIMATION} samples a ping, channel = microphone row",
         )
 
     def write(self, ping: RecordedPing) -> None:
