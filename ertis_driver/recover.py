@@ -93,6 +93,8 @@ def recover(path: Path, output: Path) -> Recovery:
             for name in (METADATA, METADATA_COPY):
                 writer.write_metadata(name, to_strings(info))
             _Saving(writer, info, recovery).copy(path)
+        if not (recovery.num_pings or recovery.other_messages):
+            raise _nothing(path)
         _count_tail(path, info, recovery)
         part.replace(output)
     except OSError as error:
@@ -219,7 +221,11 @@ def _guess_info(path: Path) -> RecordingInfo:
                 return RecordingInfo("replay", None, num_words, note="recovered without metadata")
         except (FrameCorrupt, ValueError, KeyError):
             continue
-    raise RecordingError(f"{path} holds no whole ping of a sonar recording: nothing to recover")
+    raise _nothing(path)
+
+
+def _nothing(path: Path) -> RecordingError:
+    return RecordingError(f"{path} holds no whole ping of a sonar recording: nothing to recover")
 
 
 def _num_words(message: Message, encoding: str) -> int:
