@@ -47,12 +47,12 @@ def hostile_files(folder):
     """Small files that ask for much memory, one way or another."""
     zeros = zstandard.ZstdCompressor().compressobj()
     packed = {
-        "zstd": b"".join(zeros.compress(bytes(1 << 20)) for _ in range(96)) + zeros.flush(),
-        "lz4": lz4.frame.compress(bytes(96 << 20)),
+        "zstd": b"".join(zeros.compress(bytes(1 << 20)) for _ in range(80)) + zeros.flush(),
+        "lz4": lz4.frame.compress(bytes(32 << 20)),
     }
     info = to_strings(RecordingInfo("sim", None, 32_768))
     for kind, data in packed.items():
-        for size in (1 << 26, 1 << 30, 1 << 62):
+        for size in (1 << 26, 1 << 62) if kind == "zstd" else (1 << 24, 1 << 30):
             builder = RecordBuilder()
             Metadata("ertis", info).write(builder)
             Chunk(kind, data, 0, 0, 0, size).write(builder)
