@@ -36,32 +36,31 @@ class Measured:
 
 
 class Place:
-    """Position of one landmark, x forward, y left, z up, m, with the error that is not noise.
+    """Where one landmark is seen from the sensor, with the error that is not noise.
 
-    The state is the position and, in units of its sigma, the part of the detections' error (range,
-    azimuth, elevation) that changes slowly.
+    The state is what a detection tells, range, azimuth and elevation, and, in units of its sigma,
+    the part of the detections' error that changes slowly. In these coordinates a sensor that stands
+    still learns nothing of that error. In Cartesian ones it would seem to, by linearising the same
+    thing at a slightly other point at each ping.
+
+    Attributes
+    ----------
+    seen : float64, shape (3,)
+        Range, azimuth and elevation, m and rad.
     """
 
     def __init__(self, first: Measured) -> None:
         self._noise = first.noise
-        self._mean = np.zeros(6)
-        self._mean[:3] = _cartesian(first.seen)
-        self._look()
-        along = np.linalg.inv(self._slopes) @ first.root
+        self.seen = first.seen.copy()
+        self._slow = np.zeros(3)
         self._covariance = np.eye(6)
-        self._covariance[:3, :3] = (1.0 - STAYING_SHARE) * along @ along.T
-        self._covariance[:3, 3:] = -math.sqrt(_MOVING_SHARE) * along
+        self._covariance[:3, :3] = (1.0 - STAYING_SHARE) * first.noise
+        self._covariance[:3, 3:] = -math.sqrt(_MOVING_SHARE) * first.root
         self._covariance[3:, :3] = self._covariance[:3, 3:].T
-
-    def _look(self) -> None:
-        self.seen = _spherical(self._mean[:3])  # range, azimuth and elevation, m and rad
-        self._slopes = _slopes(self._mean[:3])
 
     def seen_covariance(self) -> Float:
         """Of range, azimuth and elevation, whatever the reason for the error."""
-        slopes = self._slopes
-        inner = slopes @ self._covariance[:3, :3] @ slopes.T + STAYING_SHARE * self._noise
-        return np.asarray((inner + inner.T) / 2)
+        return np.asarray(self._covariance[:3, :3] + STAYING_SHARE * self._noise)
 
     def move(self, motion: Motion, *, is_known: bool) -> float:
         """Let the sensor move.
@@ -77,22 +76,22 @@ class Place:
         float
             By how much the line of sight turned, seen from outside, rad; + left.
         """
-        step, before = motion.step, self.seen
+        step, before, point = motion.step, self.seen, _cartesian(self.seen)
         c, s = math.cos(step.yaw_rad), math.sin(step.yaw_rad)
-        x, y = self._mean[0] - step.x_m, self._mean[1] - step.y_m
-        x, y = c * x + s * y, c * y - s * x
-        self._mean[:2] = x, y
-        self._look()
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        moved = turn @ (point - (step.x_m, step.y_m, 0.0))
+        self.seen = _spherical(moved)
         change = self.seen - before
         side_rad = wrap(float(change[1]) + step.yaw_rad) if is_known else 0.0
         alike = 1.0
         if is_known and motion.is_more_than_noise():  # or standing still would add up to a walk
             view = np.array([side_rad, change[0], change[1]])
             alike = float(likeness(view, np.zeros(3), PLACE_LENGTHS))
+        slopes = _slopes(moved)
         whole = np.diag([1.0, 1.0, 1.0, alike, alike, alike])
-        whole[0, :2], whole[1, :2] = (c, s), (-s, c)
-        by_motion = np.array([[-c, -s, y], [s, -c, -x], [0.0, 0.0, 0.0]])
-        self._mean[3:] *= alike
+        whole[:3, :3] = slopes @ turn @ np.linalg.inv(_slopes(point))
+        by_motion = slopes @ np.array([[-c, -s, moved[1]], [s, -c, -moved[0]], [0.0, 0.0, 0.0]])
+        self._slow = alike * self._slow
         self._covariance = whole @ self._covariance @ whole.T
         self._covariance[:3, :3] += by_motion @ motion.covariance @ by_motion.T
         self._covariance[3:, 3:] += (1.0 - alike**2) * np.eye(3)
@@ -100,15 +99,13 @@ class Place:
 
     def is_near(self, measured: Measured) -> bool:
         """Whether a look at the range alone leaves a detection possible; quickly told."""
-        slopes = self._slopes[0]
-        variance = slopes @ self._covariance[:3, :3] @ slopes + measured.noise[0, 0]
+        variance = self._covariance[0, 0] + measured.noise[0, 0]
         return bool((measured.seen[0] - self.seen[0]) ** 2 <= GATE * variance)
 
     def surprise(self, measured: Measured) -> tuple[float, float]:
         """Squared Mahalanobis distance of a detection, and its log density, 1/(m rad2)."""
         gap, spread, _ = self._expect(measured)
-        spread = spread + STAYING_SHARE * measured.noise
-        root = np.linalg.cholesky(spread)
+        root = np.linalg.cholesky(spread + STAYING_SHARE * measured.noise)
         scaled = np.linalg.solve(root, gap)
         squared = float(scaled @ scaled)
         log_det = 2.0 * float(np.log(root.diagonal()).sum())
@@ -116,25 +113,30 @@ class Place:
 
     def update(self, measured: Measured) -> None:
         """Take a detection of this landmark in."""
-        gap, spread, slopes = self._expect(measured)
-        gain = np.linalg.solve(spread, slopes @ self._covariance).T
-        self._mean = self._mean + gain @ gap
-        left = np.eye(6) - gain @ slopes
+        gap, spread, told = self._expect(measured)
+        gain = np.linalg.solve(spread, told @ self._covariance).T
+        change = gain @ gap
+        self.seen = self.seen + change[:3]
+        self.seen[1] = wrap(float(self.seen[1]))
+        self._slow = self._slow + change[3:]
+        left = np.eye(6) - gain @ told
         # Joseph's form: stays positive definite after a million pings.
         own = gain @ (NOISE_SHARE * measured.noise) @ gain.T
         joined = left @ self._covariance @ left.T + own
         self._covariance = (joined + joined.T) / 2
         self._noise = measured.noise
-        self._look()
 
     def _expect(self, measured: Measured) -> tuple[Float, Float, Float]:
-        """Innovation, its covariance but for the part that stays, and slopes of the state."""
+        """Innovation, its covariance but for the part that stays, and what of the state it tells.
+
+        The last of shape (3, 6).
+        """
         slow = math.sqrt(_MOVING_SHARE) * measured.root
-        slopes = np.concatenate([self._slopes, slow], axis=1)
-        gap = measured.seen - self.seen - slow @ self._mean[3:]
-        gap[1] = wrap(gap[1])
-        spread = slopes @ self._covariance @ slopes.T + NOISE_SHARE * measured.noise
-        return gap, np.asarray(spread), slopes
+        gap = measured.seen - self.seen - slow @ self._slow
+        gap[1] = wrap(float(gap[1]))
+        told = np.concatenate([np.eye(3), slow], axis=1)
+        spread = told @ self._covariance @ told.T + NOISE_SHARE * measured.noise
+        return gap, np.asarray(spread), told
 
 
 def _cartesian(seen: Float) -> Float:

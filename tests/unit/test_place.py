@@ -11,6 +11,10 @@ from ertis_detector.views import PLACE_LENGTHS
 COVARIANCE = np.array([[36e-6, 2e-6, 0.0], [2e-6, 1.5e-4, 0.0], [0.0, 0.0, 1.2e-3]])
 ROOT = np.linalg.cholesky(COVARIANCE)
 START = PlanarPose(0.0, 0.0, 0.0)
+NUM_WALKS = 250
+# The mean of so many chi-squared values of 3 degrees of freedom, 99.9 %, and 5 % for what is linear
+# in the filter and not in the world.
+BAND = 3.3 * math.sqrt(6 / NUM_WALKS) + 0.15
 STILL = Motion.between(START, START)
 
 
@@ -60,28 +64,31 @@ def follow(rng, step, pings, *, odometry):
 
 
 @pytest.mark.parametrize(
-    ("step", "pings", "odometry"),
+    ("step", "pings"),
     [
-        (PlanarPose(0.0, 0.0, 0.0), 6, True),
-        (PlanarPose(0.03, 0.06, 0.01), 3, True),
-        (PlanarPose(0.05, 0.0, -0.02), 10, True),
-        (PlanarPose(0.05, 0.02, 0.03), 6, False),
+        (PlanarPose(0.0, 0.0, 0.0), 6),
+        (PlanarPose(0.03, 0.06, 0.01), 3),
+        (PlanarPose(0.05, 0.0, -0.02), 10),
     ],
 )
-def test_the_stated_covariance_is_the_true_one(step, pings, odometry):
+def test_the_stated_covariance_is_the_true_one(step, pings):
     rng = np.random.default_rng(8)
-    squared = [follow(rng, step, pings, odometry=odometry)[0] for _ in range(400)]
-    # The mean of 400 chi-squared values of 3 degrees of freedom, 99.9 % band, and 5 % for what is
-    # linear in the filter and not in the world.
-    band = 3.3 * math.sqrt(6 / 400) + 0.15
-    assert np.mean(squared) == pytest.approx(3.0, abs=band)
+    squared = [follow(rng, step, pings, odometry=True)[0] for _ in range(NUM_WALKS)]
+    assert np.mean(squared) == pytest.approx(3.0, abs=BAND)
+
+
+def test_without_odometry_the_stated_covariance_is_rather_too_large():
+    rng = np.random.default_rng(8)
+    step = PlanarPose(0.05, 0.02, 0.03)
+    squared = [follow(rng, step, 6, odometry=False)[0] for _ in range(NUM_WALKS)]
+    assert 2.0 < np.mean(squared) < 3.0 + BAND
 
 
 def test_standing_still_makes_a_place_no_surer_than_its_noise_and_moving_does():
     rng = np.random.default_rng(1)
     _, still = follow(rng, PlanarPose(0.0, 0.0, 0.0), 30, odometry=True)
     _, moving = follow(rng, PlanarPose(0.0, 0.05, 0.0), 30, odometry=True)
-    assert (still > 0.85).all()
+    assert (still > 0.88).all()
     assert (still <= 1.05).all()
     assert moving[1] < 0.6
 
@@ -116,9 +123,9 @@ def test_no_covariance_at_all_is_not_believed():
     assert (np.linalg.eigvalsh(place.seen_covariance()) > 0).all()
 
 
-def test_a_day_of_pings_leaves_the_covariance_positive():
+def test_a_thousand_pings_leave_the_covariance_positive():
     rng, place = np.random.default_rng(2), Place(measured((2.0, 0.1, 0.0)))
-    for _ in range(3000):
+    for _ in range(1000):
         place.move(STILL, is_known=True)
         place.update(measured((2.0, 0.1, 0.0) + ROOT @ rng.normal(size=3)))
     covariance = place.seen_covariance()
