@@ -132,6 +132,7 @@ class ZenohPublisher(Closing):
         with ExitStack() as stack:
             stack.callback(close_session, session)
             self._declare(session)
+            self._session = session
             stack.callback(self._stop_answering)
             self._stack = stack.pop_all()
         log.info("publishing on %s/landmarks", self._base)
@@ -169,6 +170,19 @@ class ZenohPublisher(Closing):
         self._alive = session.liveliness().declare_token(f"{base}/alive")
         self._answerer = threading.Thread(target=self._answer, name="queries", daemon=True)
         self._answerer.start()
+
+    def subscribe(self, key: str, waiting: int) -> zenoh.Subscriber[Any]:
+        """Hear what others publish; the newest samples wait in a channel, the oldest are dropped.
+
+        Raises
+        ------
+        PublisherError
+            If the key is none.
+        """
+        try:
+            return self._session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
+        except zenoh.ZError as error:
+            raise PublisherError(f"Zenoh: key {key!r}: {_one_line(error)}") from error
 
     def publish(self, event: LandmarkEvent) -> None:
         """Publish an event; it is also what ``last`` answers from now on."""

@@ -154,6 +154,8 @@ class Service:
             return
         self._failures = 0
         self.status.half_words_repaired += heard.half_words_repaired
+        self.status.odometry_garbled += heard.odometry_garbled
+        self.status.pings_without_odometry += heard.without_odometry
         if event is None:
             return
         self.status.events += 1

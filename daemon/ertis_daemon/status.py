@@ -24,6 +24,8 @@ class Status:
     queue_drops: int = 0
     half_words_repaired: int = 0
     pings_failed: int = 0
+    pings_without_odometry: int = 0
+    odometry_garbled: int = 0
     events: int = 0
     latencies_ms: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES_KEPT))
 

@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> int:
     )
     from ertis_daemon.events import dump_json
     from ertis_daemon.memory import keep_freed_memory
+    from ertis_daemon.odometry import POSES_WAITING, Odometry
     from ertis_daemon.pipeline import build_pipeline
     from ertis_daemon.publisher import ZenohPublisher
     from ertis_daemon.service import Service
@@ -46,7 +47,8 @@ def run(args: argparse.Namespace) -> int:
         sonar = stack.enter_context(open_device(config.device.address, reconnect=True))
         sonar.configure(config.settings())
         settings = sonar.settings or config.settings()  # a recording keeps its own
-        pipeline = build_pipeline(config, settings)
+        odometry = Odometry(config.odometry) if config.odometry.key else None
+        pipeline = build_pipeline(config, settings, odometry)
         publisher = stack.enter_context(
             ZenohPublisher(
                 config.device.name,
@@ -55,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
                 effective_config=config.to_json(),
             )
         )
+        if odometry is not None:
+            odometry.listen(publisher.subscribe(config.odometry.key, POSES_WAITING))
         flag = stack.enter_context(stop_on_signals())
         status = Service(sonar, pipeline, publisher, config, flag.event).run()
     counters = status.to_json()
