@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ertis_daemon.config import Config, SonarConfig
 from ertis_daemon.layers import Sources
+from ertis_daemon.odometry import POSES_WAITING, PoseChannel
 from ertis_daemon.publisher import ZenohPublisher
 from ertis_daemon.serving.about import waiting_info
 from ertis_daemon.serving.commands import Commands
@@ -145,8 +146,18 @@ class Daemon:
             can_command=self._config.zenoh.commands,
             beat=self._notifier.beat,
             around=self._around,
+            poses=self._poses,
         )
         life.start()
+
+    def _poses(self, key: str) -> PoseChannel:
+        """What others publish under a key; the newest samples wait, the oldest are dropped."""
+        import zenoh
+
+        assert self._network is not None
+        return self._network.session.declare_subscriber(
+            key, zenoh.handlers.RingChannel(POSES_WAITING)
+        )
 
     def _publishers(self, sonar: SonarConfig) -> list[Publisher]:
         assert self._network is not None
