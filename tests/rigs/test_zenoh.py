@@ -210,9 +210,10 @@ def test_the_service_publishes_what_a_serial_sonar_hears(publisher, reader, emul
     assert [e["ping_index"] for e in events] == list(range(first, first + 5))
 
 
-def test_odometry_comes_over_zenoh_and_the_last_poses_wait(publisher, reader):
+def test_odometry_comes_over_zenoh_and_the_last_poses_wait(session, reader):
     odometry = Odometry(OdometryConfig(key="robot/odometry"))
-    odometry.listen(publisher.subscribe("robot/odometry", 8))
+    channel = zenoh.handlers.RingChannel(8)
+    odometry.listen(session.declare_subscriber("robot/odometry", channel))
     poses = reader.declare_publisher("robot/odometry")
     wait_for(lambda: poses.matching_status.matching)
     poses.put(b"nonsense")
@@ -223,12 +224,6 @@ def test_odometry_comes_over_zenoh_and_the_last_poses_wait(publisher, reader):
     assert odometry.at_ping(15 * 10**8).is_known
     assert odometry.at_ping(19 * 10**8).motion.step.x_m == pytest.approx(0.4)
     assert not odometry.at_ping(5 * 10**8).is_known
-
-
-def test_a_key_that_is_none_is_one_line(publisher):
-    with pytest.raises(PublisherError, match="//") as caught:
-        publisher.subscribe("a//b", 8)
-    assert "\n" not in str(caught.value)
 
 
 def test_the_emulate_command_names_its_port_first_and_answers_there(tmp_path):
