@@ -17,8 +17,12 @@ from ertis_driver.errors import SettingsError
 from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PDM_RATE_HZ, PdmFrame
 
 if TYPE_CHECKING:
-    from ertis_detector.detector import LandmarkDetector, Scanner
+    from ertis_detector.detector import LandmarkDetector
+    from ertis_detector.scanner import Scanner
     from ertis_detector.tracker import Tracker
+
+NOMINAL_TEMPERATURE_C = 20.0
+_TEMPERATURE_STEP_C = 0.1  # 0.06 m/s: under 1 mm of any range
 
 
 class TrackLike(Protocol):
@@ -113,28 +117,50 @@ def build_pipeline(config: Config, settings: Settings) -> DetectorPipeline:
     DetectorError
         If the model cannot be read or does not fit the chirp.
     """
-    from ertis_detector.detector import LandmarkDetector
-    from ertis_detector.model import load_model, shipped_model
     from ertis_detector.tracker import Tracker
-    from ertis_driver.audio_filter import FILTER_VERSION
 
-    chirp = settings.chirp
-    path = Path(config.detector.model) if config.detector.model else shipped_model(chirp.name)
-    model = load_model(path)
-    detector = LandmarkDetector(
-        model,
-        build_scanner(settings, config.speed_of_sound_m_s),
-        chirp=chirp.name,
-        audio_filter=FILTER_VERSION,
-        min_probability=config.detector.min_probability or None,
+    detector = build_detector(
+        settings, config.temperature_c, config.detector.model, config.detector.min_probability
     )
+    model = detector.model
     return DetectorPipeline(
         PdmDecoder(), detector, Tracker(), model_name=model.name, classes=tuple(model.classes)
     )
 
 
-def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:
-    """Build the scanner for what an eRTIS is set to.
+def build_detector(
+    settings: Settings, temperature_c: float, model_path: str = "", min_probability: float = 0.0
+) -> LandmarkDetector:
+    """Build the detector for what an eRTIS is set to, in air of a temperature.
+
+    Parameters
+    ----------
+    model_path : str
+        The shipped model for the chirp if empty.
+    min_probability : float
+        The model's own if 0.
+
+    Raises
+    ------
+    DetectorError
+        If the model cannot be read or does not fit the chirp.
+    """
+    from ertis_detector.detector import LandmarkDetector
+    from ertis_detector.model import load_model, shipped_model
+    from ertis_driver.audio_filter import FILTER_VERSION
+
+    chirp = settings.chirp.name
+    return LandmarkDetector(
+        load_model(Path(model_path) if model_path else shipped_model(chirp)),
+        build_scanner(settings, temperature_c),
+        chirp=chirp,
+        audio_filter=FILTER_VERSION,
+        min_probability=min_probability or None,
+    )
+
+
+def build_scanner(settings: Settings, temperature_c: float) -> Scanner:
+    """Build the scanner for what an eRTIS is set to, in air of a temperature.
 
     Raises
     ------
@@ -143,7 +169,7 @@ def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:
     SettingsError
         If the PDM clock is not the one that the detector's audio is made from.
     """
-    from ertis_detector.detector import Scanner
+    from ertis_detector.scanner import Scanner
     from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 
     if settings.pdm_rate_hz != PDM_RATE_HZ:
@@ -158,5 +184,11 @@ def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:
         chirp_samples=chirp.samples(AUDIO_RATE_HZ),
         chirp_band_hz=chirp.band_hz,
         num_samples=settings.num_words // DECIMATION,
-        speed_of_sound_m_s=speed_of_sound_m_s,
+        temperature_c=temperature_c,
     )
+
+
+def rounded_temperature_c(temperature_c: float | None) -> float:
+    """To a tenth, so that one scanner serves many pings; 20 if nobody measured it."""
+    met = NOMINAL_TEMPERATURE_C if temperature_c is None else temperature_c
+    return round(met / _TEMPERATURE_STEP_C) * _TEMPERATURE_STEP_C
