@@ -19,8 +19,12 @@ from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PDM_RATE_HZ,
 
 if TYPE_CHECKING:
     from ertis_daemon.odometry import Odometry
-    from ertis_detector.detector import LandmarkDetector, Scanner
+    from ertis_detector.detector import LandmarkDetector
+    from ertis_detector.scanner import Scanner
     from ertis_detector.tracker import Tracker
+
+NOMINAL_TEMPERATURE_C = 20.0
+_TEMPERATURE_STEP_C = 0.1  # 0.06 m/s: under 1 mm of any range
 
 
 class TrackLike(Protocol):
@@ -138,24 +142,19 @@ def build_pipeline(
     DetectorError
         If the model cannot be read or does not fit the chirp.
     """
-    from ertis_detector.detector import LandmarkDetector
-    from ertis_detector.model import load_model, shipped_model
-    from ertis_driver.audio_filter import FILTER_VERSION
+    from ertis_detector.model import TRACKING_PROBABILITY
 
-    chirp = settings.chirp
-    path = Path(config.detector.model) if config.detector.model else shipped_model(chirp.name)
-    model = load_model(path)
-    detector = LandmarkDetector(
-        model,
-        build_scanner(settings, config.speed_of_sound_m_s),
-        chirp=chirp.name,
-        audio_filter=FILTER_VERSION,
-        min_probability=config.detector.min_probability or None,
+    detector = build_detector(
+        settings,
+        config.temperature_c,
+        config.detector.model,
+        config.detector.min_probability or TRACKING_PROBABILITY,
     )
+    model = detector.model
     return DetectorPipeline(
         PdmDecoder(),
         detector,
-        build_tracker(config, settings, model.card.figures),
+        build_tracker(config, settings, model.card.tracking),
         model_name=model.name,
         classes=tuple(model.classes),
         odometry=odometry,
@@ -164,10 +163,8 @@ def build_pipeline(
 
 def build_tracker(config: SonarConfig, settings: Settings, figures: Mapping[str, float]) -> Tracker:
     """Build the tracker for a configuration and the figures on a model's card."""
-    from ertis_detector import detector
     from ertis_detector.rates import DetectorRates
     from ertis_detector.tracker import Tracker, TrackerSettings
-    from ertis_detector.visibility import FieldOfView
 
     own = config.tracker
     asked = TrackerSettings(
@@ -179,16 +176,42 @@ def build_tracker(config: SonarConfig, settings: Settings, figures: Mapping[str,
         max_silence_s=own.max_silence_s,
         max_unheard_s=own.max_unheard_s,
     )
-    field = FieldOfView(
-        max_range_m=detector.MAX_RANGE_M,
-        max_azimuth_rad=float(detector.MAX_AZIMUTH_RAD),
-        max_elevation_rad=float(detector.MAX_ELEVATION_RAD),
+    return Tracker(DetectorRates.from_figures(figures), asked)
+
+
+def build_detector(
+    settings: Settings, temperature_c: float, model_path: str = "", min_probability: float = 0.0
+) -> LandmarkDetector:
+    """Build the detector for what an eRTIS is set to, in air of a temperature.
+
+    Parameters
+    ----------
+    model_path : str
+        The shipped model for the chirp if empty.
+    min_probability : float
+        The model's own if 0.
+
+    Raises
+    ------
+    DetectorError
+        If the model cannot be read or does not fit the chirp.
+    """
+    from ertis_detector.detector import LandmarkDetector
+    from ertis_detector.model import load_model, shipped_model
+    from ertis_driver.audio_filter import FILTER_VERSION
+
+    chirp = settings.chirp.name
+    return LandmarkDetector(
+        load_model(Path(model_path) if model_path else shipped_model(chirp)),
+        build_scanner(settings, temperature_c),
+        chirp=chirp,
+        audio_filter=FILTER_VERSION,
+        min_probability=min_probability or None,
     )
-    return Tracker(DetectorRates.from_figures(figures), asked, field)
 
 
-def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:
-    """Build the scanner for what an eRTIS is set to.
+def build_scanner(settings: Settings, temperature_c: float) -> Scanner:
+    """Build the scanner for what an eRTIS is set to, in air of a temperature.
 
     Raises
     ------
@@ -197,7 +220,7 @@ def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:
     SettingsError
         If the PDM clock is not the one that the detector's audio is made from.
     """
-    from ertis_detector.detector import Scanner
+    from ertis_detector.scanner import Scanner
     from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 
     if settings.pdm_rate_hz != PDM_RATE_HZ:
@@ -212,5 +235,11 @@ def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:
         chirp_samples=chirp.samples(AUDIO_RATE_HZ),
         chirp_band_hz=chirp.band_hz,
         num_samples=settings.num_words // DECIMATION,
-        speed_of_sound_m_s=speed_of_sound_m_s,
+        temperature_c=temperature_c,
     )
+
+
+def rounded_temperature_c(temperature_c: float | None) -> float:
+    """To a tenth, so that one scanner serves many pings; 20 if nobody measured it."""
+    met = NOMINAL_TEMPERATURE_C if temperature_c is None else temperature_c
+    return round(met / _TEMPERATURE_STEP_C) * _TEMPERATURE_STEP_C

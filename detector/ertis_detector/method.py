@@ -29,6 +29,8 @@ class KnownRangePing:
     chirp : float64, shape (n,)
         The emitted sweep at 450 kHz.
     chirp_band_hz : (low, high)
+    chirp_name : str
+        What models call it.
     mic_positions_m : float64, shape (num_mics, 3)
     emitter_position_m : float64, shape (3,)
     """
@@ -39,6 +41,7 @@ class KnownRangePing:
     temperature_c: float
     chirp: npt.NDArray[np.float64]
     chirp_band_hz: tuple[float, float]
+    chirp_name: str
     mic_positions_m: npt.NDArray[np.float64]
     emitter_position_m: npt.NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,34 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from ertis_detector.classifier import OneVersusOne
-from ertis_detector.detection import NONE
+from ertis_detector.classifier import Classifier
+from ertis_detector.detection import NONE, UNKNOWN, radius_m
 from ertis_detector.errors import ModelError, ModelMismatch
 from ertis_detector.features import FEATURE_VERSION, NUM_FEATURES
+from ertis_detector.networks import Committee
+from ertis_detector.readout import Readout
+from ertis_detector.trees import Trees
 
-MODEL_FORMAT = "ertis-model/1"
+MODEL_FORMAT = "ertis-model/2"
+TRACKING_PROBABILITY = 0.5  # evidence accumulates: a tracker hears of less sure ones, too
 MAX_MODEL_BYTES = 1_000_000
-_ARRAYS = ("mean", "scale", "weights", "bias", "coupling", "offset")
+_COMMITTEE = tuple(one.name for one in fields(Committee))
+_TREES = tuple(one.name for one in fields(Trees))
+_READOUT = ("mean", "scale", "weights", "variances")
+_LAW = ("coupling", "offset")
+_NODES = ("feature", "threshold", "left", "right", "value")
+_KINDS = {  # all others are float32
+    "trees.feature": np.uint8,
+    "trees.left": np.uint8,
+    "trees.right": np.uint8,
+    "trees.roots": np.int32,
+}
+_ARRAYS = (
+    *(f"committee.{name}" for name in _COMMITTEE),
+    *(f"trees.{name}" for name in _TREES),
+    *(f"readout.{name}" for name in _READOUT),
+    *_LAW,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +57,8 @@ class ModelCard:
         Name, size and SHA-256 of the training recordings.
     min_probability : float
         From here on a landmark, of whichever size, is reported, unless the user says otherwise.
-    figures : mapping
-        What its cross-validation gave.
+    figures, tracking : mapping
+        What its cross-validation gave at ``min_probability``, and at ``TRACKING_PROBABILITY``.
     """
 
     name: str
@@ -49,13 +69,15 @@ class ModelCard:
     min_probability: float = 0.5
     features: str = FEATURE_VERSION
     figures: dict[str, float] = field(default_factory=dict)
+    tracking: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A classifier and its card."""
+    """A classifier, what reads places off echoes, and their card."""
 
-    classifier: OneVersusOne
+    classifier: Classifier
+    readout: Readout
     card: ModelCard
 
     @property
@@ -90,15 +112,30 @@ class Model:
 def save_model(model: Model, path: Path) -> None:
     """Write a model, replacing the file in one step."""
     classifier = model.classifier
-    arrays = {name: np.ascontiguousarray(getattr(classifier, name)) for name in _ARRAYS}
+    arrays = {
+        **{f"committee.{name}": getattr(classifier.committee, name) for name in _COMMITTEE},
+        **{f"trees.{name}": getattr(classifier.trees, name) for name in _TREES},
+        **{f"readout.{name}": getattr(model.readout, name) for name in _READOUT},
+        **{name: getattr(classifier, name) for name in _LAW},
+    }
+    arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     metadata = {
         "format": MODEL_FORMAT,
         "classes": json.dumps(classifier.classes),
+        "sizes": json.dumps(model.readout.sizes),
         "card": json.dumps(asdict(model.card), sort_keys=True),
     }
     temporary = path.with_suffix(path.suffix + ".part")
-    temporary.write_bytes(save(arrays, metadata))
+    temporary.write_bytes(_in_order(save(arrays, metadata)))
     temporary.replace(path)
+
+
+def _in_order(data: bytes) -> bytes:
+    """The same file with its header's keys sorted: the library writes them as they come."""
+    length = int.from_bytes(data[:8], "little")
+    header = json.dumps(json.loads(data[8 : 8 + length]), sort_keys=True, separators=(",", ":"))
+    padded = header.encode().ljust(-(-len(header) // 8) * 8)
+    return len(padded).to_bytes(8, "little") + padded + data[8 + length :]
 
 
 def load_model(path: Path) -> Model:
@@ -133,52 +170,86 @@ def load_model(path: Path) -> Model:
         model = _assemble(arrays, metadata)
     except (KeyError, TypeError, ValueError) as error:
         raise ModelError(f"model {path}: metadata is damaged ({error}): make it again") from error
-    _check_arrays(model.classifier, path)
+    _check_arrays(arrays, model, path)
     return model
 
 
 def _assemble(arrays: dict[str, Any], metadata: dict[str, str]) -> Model:
-    classes = json.loads(metadata["classes"])
-    if not (isinstance(classes, list) and all(isinstance(name, str) for name in classes)):
-        raise ValueError("classes are no list of names")
+    classes, sizes = (_names(json.loads(metadata[key])) for key in ("classes", "sizes"))
+    committee = Committee(*(arrays[f"committee.{name}"] for name in _COMMITTEE))
+    trees = Trees(*(arrays[f"trees.{name}"] for name in _TREES))
     return Model(
-        OneVersusOne(
-            tuple(classes),
-            arrays["mean"],
-            arrays["scale"],
-            arrays["weights"],
-            arrays["bias"],
-            arrays["coupling"],
-            arrays["offset"],
-        ),
+        Classifier(classes, committee, trees, arrays["coupling"], arrays["offset"]),
+        Readout(sizes, *(arrays[f"readout.{name}"] for name in _READOUT)),
         ModelCard(**json.loads(metadata["card"])),
     )
 
 
-def _check_arrays(classifier: OneVersusOne, path: Path) -> None:
-    count = len(classifier.classes)
-    pairs = count * (count - 1) // 2
-    expected = {
-        "mean": (NUM_FEATURES,),
-        "scale": (NUM_FEATURES,),
-        "weights": (pairs, NUM_FEATURES),
-        "bias": (pairs,),
-        "coupling": (pairs, count),
+def _names(value: Any) -> tuple[str, ...]:
+    if not (isinstance(value, list) and all(isinstance(name, str) for name in value)):
+        raise ValueError("classes are no list of names")
+    return tuple(value)
+
+
+def _check_arrays(arrays: dict[str, Any], model: Model, path: Path) -> None:
+    classes, sizes = model.classes, model.readout.sizes
+    landmarks = tuple(name for name in classes if name not in (NONE, UNKNOWN))
+    if len(set(classes)) != len(classes) or NONE not in classes or not landmarks:
+        raise ModelError(f"model {path}: classes {classes}, expected '{NONE}' and sizes")
+    if sizes != landmarks or not all(radius_m(name) for name in sizes):
+        raise ModelError(f"model {path}: sizes {sizes}, expected those of its classes {classes}")
+    for name, shape in _shapes(arrays, len(classes), len(sizes)).items():
+        array, kind = arrays[name], _KINDS.get(name, np.float32)
+        if array.shape != shape or array.dtype != kind or not np.isfinite(array).all():
+            raise ModelError(
+                f"model {path}: {name} is {array.dtype} {array.shape}, expected finite "
+                f"{np.dtype(kind)} {shape}: make it again"
+            )
+    for name in ("committee.scale", "readout.scale"):
+        if not (arrays[name] > 0).all():
+            raise ModelError(f"model {path}: {name} has a value not above 0: make it again")
+    _check_trees(arrays, len(classes), path)
+
+
+def _check_trees(arrays: dict[str, Any], count: int, path: Path) -> None:
+    """Every way through a tree goes down, stays in that tree, and reads a feature that is there."""
+    roots, left, right = (arrays[f"trees.{name}"] for name in ("roots", "left", "right"))
+    sizes = np.diff([*roots, left.size])
+    whole = roots.size % count == 0 and roots.size > 0 and roots[0] == 0 and (sizes > 0).all()
+    if whole:
+        own = np.arange(left.size) - np.repeat(roots, sizes)
+        size = np.repeat(sizes, sizes)
+        for child in (left, right):
+            whole &= bool((((child > own) & (child < size)) | (child == 0)).all())
+        whole &= bool(((left == 0) == (right == 0)).all())
+    if not whole or arrays["trees.feature"].max() >= NUM_FEATURES:
+        raise ModelError(f"model {path}: its trees lead nowhere: make it again")
+
+
+def _shapes(arrays: dict[str, Any], count: int, sizes: int) -> dict[str, tuple[int, ...]]:
+    """What each array must be shaped like; the numbers of networks and of neurons are free."""
+    first, last = arrays["committee.first"].shape, arrays["committee.last"].shape
+    networks, h1, h2 = first[0] if first else 0, first[-1] if first else 0, last[-2:-1]
+    hidden = h2[0] if h2 else 0
+    return {
+        "committee.mean": (NUM_FEATURES,),
+        "committee.scale": (NUM_FEATURES,),
+        "committee.first": (networks, NUM_FEATURES, h1),
+        "committee.first_bias": (networks, 1, h1),
+        "committee.second": (networks, h1, hidden),
+        "committee.second_bias": (networks, 1, hidden),
+        "committee.last": (networks, hidden, count),
+        "committee.last_bias": (networks, 1, count),
+        **{f"trees.{name}": arrays["trees.feature"].shape[:1] for name in _NODES},
+        "trees.roots": arrays["trees.roots"].shape[:1],
+        "trees.baseline": (count,),
+        "readout.mean": (NUM_FEATURES,),
+        "readout.scale": (NUM_FEATURES,),
+        "readout.weights": (NUM_FEATURES + 1 + sizes, 2),
+        "readout.variances": (3, 3),
+        "coupling": (count, count),
         "offset": (count,),
     }
-    if count < 2 or len(set(classifier.classes)) != count or NONE not in classifier.classes:
-        raise ModelError(
-            f"model {path}: classes {classifier.classes}, expected '{NONE}' and others"
-        )
-    for name, shape in expected.items():
-        array = getattr(classifier, name)
-        if array.shape != shape or array.dtype != np.float32 or not np.isfinite(array).all():
-            raise ModelError(
-                f"model {path}: {name} is {array.dtype} {array.shape}, expected finite float32 "
-                f"{shape}: make it again"
-            )
-    if not (classifier.scale > 0).all():
-        raise ModelError(f"model {path}: scale has a value not above 0: make it again")
 
 
 def model_file_name(chirp: str) -> str:

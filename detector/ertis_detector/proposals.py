@@ -31,7 +31,7 @@ def propose(
     max_count: int,
     min_snr_db: float,
     range_exponent: float = 2.0,
-    max_azimuth_rad: float = np.pi / 2,
+    within_m: tuple[float, float] | None = None,
 ) -> list[Proposal]:
     """The peaks worth a closer look, most promising first.
 
@@ -44,16 +44,17 @@ def propose(
     range_exponent : float
         Ranked by power times this power of range: 2 keeps near clutter from crowding out a far
         landmark, 0 is plain strength.
-    max_azimuth_rad : float
-        Nothing further aside is proposed.
+    within_m : (nearest, furthest) or None
+        Ranges looked at; None for all.
     """
-    looked_at = np.flatnonzero(np.abs(scape.azimuth_rad) <= max_azimuth_rad)
-    azimuth_rad, power = scape.azimuth_rad[looked_at], scape.power[looked_at]
+    azimuth_rad, power = scape.azimuth_rad, scape.power
     floor = scape.noise_floor
     weight = (scape.range_m**range_exponent).astype(np.float32)
     ranked = power * weight
     ranked[power < floor * 10 ** (min_snr_db / 10)] = 0
-    toward = unit_vectors(azimuth_rad, scape.elevation_rad[looked_at])
+    if within_m is not None:
+        ranked[:, (scape.range_m < within_m[0]) | (scape.range_m > within_m[1])] = 0
+    toward = unit_vectors(azimuth_rad, scape.elevation_rad)
     found: list[Proposal] = []
     while len(found) < max_count:
         direction, cell = np.unravel_index(int(ranked.argmax()), ranked.shape)

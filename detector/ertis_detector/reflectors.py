@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ertis_detector.detector import Scanner
 from ertis_detector.imaging import Complex, Energyscape, Imager, plane
 from ertis_detector.locate import locate
 from ertis_detector.proposals import propose
+from ertis_detector.scanner import Scanner
 
 _ELEVATIONS_RAD = np.deg2rad(np.arange(-40.0, 41.0, 10.0))
 _MIN_LEVEL_DB = 6.0

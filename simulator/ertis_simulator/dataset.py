@@ -15,10 +15,12 @@ from ertis_simulator.scene import Scene
 
 # The paper's span of rooms, open lab to packed garage: things a square metre (see docs/decisions).
 CLUTTER_PER_M2 = (0.5, 8.0)
-RANGE_M = (0.7, 4.5)
+RANGE_M = (0.6, 6.0)
 MAX_AZIMUTH_RAD = np.deg2rad(30.0)
+WIDE_SHARE, WIDE_AZIMUTH_RAD = 0.2, np.deg2rad(60.0)
+HIGH_SHARE, HIGH_ELEVATION_RAD = 0.2, np.deg2rad(20.0)  # others hang about as high as the sonar
 WALL_GAP_M = 0.2
-MAX_TURN_RAD = np.deg2rad(45.0)  # of a dish away from the sonar
+MAX_TURN_RAD = np.deg2rad(50.0)  # of a dish away from the sonar
 STANDS_SHARE, NOISY_SHARE = 0.7, 0.25
 _THING_KINDS = tuple(kind for kind in SIZES if kind not in DISH_KINDS)
 _MEAN_THINGS = 3.0
@@ -87,7 +89,8 @@ def _stand(
     """A dish in front of the sonar (at the origin), turned somewhat away from it."""
     while True:
         distance = rng.uniform(*RANGE_M)
-        azimuth = rng.uniform(-MAX_AZIMUTH_RAD, MAX_AZIMUTH_RAD)
+        widest = WIDE_AZIMUTH_RAD if rng.random() < WIDE_SHARE else MAX_AZIMUTH_RAD
+        azimuth = rng.uniform(-widest, widest)
         x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
         if (
             x < room.x_m[1] - WALL_GAP_M
@@ -95,12 +98,12 @@ def _stand(
         ):
             break
     turn = rng.triangular(-MAX_TURN_RAD, 0.0, MAX_TURN_RAD)
-    vertex = (
-        float(x),
-        float(y),
-        float(height_m + rng.normal(0, 0.06)),
-    )
-    facing = (float(azimuth + np.pi + turn), float(rng.normal(0, np.deg2rad(4.0))))
+    if rng.random() < HIGH_SHARE:
+        rise = distance * np.tan(rng.uniform(-HIGH_ELEVATION_RAD, HIGH_ELEVATION_RAD))
+    else:
+        rise = rng.normal(0, 0.06)
+    vertex = (float(x), float(y), float(max(height_m + rise, 0.1)))
+    facing = (float(azimuth + np.pi + turn), float(rng.normal(0, np.deg2rad(6.0))))
     return DishObject(label, dish, vertex, facing, is_landmark)
 
 

@@ -13,24 +13,19 @@ from user_script import UserScript, bits_of
 
 from ertis_daemon.config import Config
 from ertis_daemon.events import SCHEMA, LandmarkEvent, LandmarkReport
-from ertis_daemon.pipeline import DetectorPipeline, Heard, build_pipeline
-from ertis_detector.classifier import fit
-from ertis_detector.detector import LandmarkDetector, Scanner
-from ertis_detector.errors import ModelMismatch
-from ertis_detector.features import NUM_FEATURES
-from ertis_detector.model import Model, ModelCard
+from ertis_daemon.pipeline import Heard, build_pipeline, build_scanner
 from ertis_detector.proposals import propose
-from ertis_detector.tracker import Tracker
+from ertis_detector.scanner import Scanner
 from ertis_driver.audio import PdmDecoder
-from ertis_driver.audio_filter import FILTER_VERSION, TAPS, UNITY
+from ertis_driver.audio_filter import TAPS, UNITY
 from ertis_driver.chirp import Chirp
 from ertis_driver.device import Settings
 from ertis_driver.frame import AUDIO_RATE_HZ, DEFAULT_NUM_WORDS, PdmFrame
-from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
+from ertis_driver.geometry import mic_positions_m
 from ertis_driver.halfword import find_corrupt_bits
 
 CEILING_HZ = 27.5  # a frame takes 36.4 ms to listen to
-SPEED_M_S = Config().speed_of_sound_m_s
+TEMPERATURE_C, SPEED_M_S = Config().temperature_c, Config().speed_of_sound_m_s
 
 
 def demo_words(chirp: Chirp) -> np.ndarray:
@@ -42,34 +37,7 @@ def demo_words(chirp: Chirp) -> np.ndarray:
 
 
 def scanner_for(chirp: Chirp) -> Scanner:
-    low, high = sorted((chirp.f_start_hz, chirp.f_stop_hz))
-    return Scanner(
-        mic_positions_m=mic_positions_m(),
-        emitter_position_m=np.array(EMITTER_POSITION_M),
-        chirp_samples=chirp.samples(AUDIO_RATE_HZ),
-        chirp_band_hz=(low, high),
-        num_samples=DEFAULT_NUM_WORDS // 10,
-        speed_of_sound_m_s=SPEED_M_S,
-    )
-
-
-def pipeline_for(chirp: Chirp) -> DetectorPipeline:
-    """With the shipped model; without one, with one fitted to nothing, which takes as long."""
-    try:
-        return build_pipeline(Config(), Settings(chirp=chirp))
-    except ModelMismatch as error:
-        print(f"  (a model of random rows: {error})")
-    rng = np.random.default_rng(0)
-    classes = ("none", "r35", "r48", "r58", "r70", "unknown")
-    labels = [classes[i % 6] for i in range(300)]
-    rows = rng.normal(size=(300, NUM_FEATURES)).astype(np.float32)
-    classifier = fit(rows, labels, [str(i) for i in range(300)]).classifier
-    card = ModelCard("random", chirp.name, FILTER_VERSION, "sim", "none")
-    model = Model(classifier, card)
-    detector = LandmarkDetector(
-        model, scanner_for(chirp), chirp=chirp.name, audio_filter=FILTER_VERSION
-    )
-    return DetectorPipeline(PdmDecoder(), detector, Tracker(), model_name="random", classes=classes)
+    return build_scanner(Settings(chirp=chirp), TEMPERATURE_C)
 
 
 def event_json(frame: PdmFrame, heard: Heard) -> bytes:
@@ -140,7 +108,7 @@ def bench_image(
 def bench_frame(
     words: np.ndarray, chirp: Chirp, script: UserScript, rounds: int, rng: np.random.Generator
 ) -> None:
-    pipeline, frame = pipeline_for(chirp), PdmFrame(words, 7, 10**18)
+    pipeline, frame = build_pipeline(Config(), Settings(chirp=chirp)), PdmFrame(words, 7, 10**18)
     contenders: dict[str, Callable[[], object]] = {
         "ours: words to event JSON": lambda: event_json(frame, pipeline.process(frame)),
         "user script: words to image, no detection": lambda: script.image(script.audio(words)),
@@ -161,7 +129,11 @@ def bench_frame(
 
 
 def bench_stages(words: np.ndarray, chirp: Chirp, rounds: int, rng: np.random.Generator) -> None:
-    scanner, pipeline, decoder = scanner_for(chirp), pipeline_for(chirp), PdmDecoder()
+    scanner, pipeline, decoder = (
+        scanner_for(chirp),
+        build_pipeline(Config(), Settings(chirp=chirp)),
+        PdmDecoder(),
+    )
     frame, audio = PdmFrame(words, 7, 10**18), decoder.decode(words).audio
     _, scape = scanner.image(audio)
     heard = pipeline.process(frame)
@@ -170,7 +142,7 @@ def bench_stages(words: np.ndarray, chirp: Chirp, rounds: int, rng: np.random.Ge
         "  of it the search for corrupt half-words": lambda: find_corrupt_bits(words, audio),
         "matched filter and energyscape": lambda: scanner.image(audio),
         "proposals": lambda: propose(scape, max_count=12, min_snr_db=14.0),
-        "image, proposals and locate": lambda: scanner.candidates(audio),
+        "image, proposals and locate": lambda: scanner.candidates(*scanner.image(audio)),
         "event JSON": lambda: event_json(frame, heard),
         "whole frame": lambda: event_json(frame, pipeline.process(frame)),
     }

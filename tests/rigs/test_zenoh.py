@@ -67,19 +67,21 @@ def locator():
 
 
 @pytest.fixture
-def publisher(locator):
-    config = ZenohConfig(connect=(), listen=(locator,))
+def session(locator):
+    with Network(ZenohConfig(connect=(), listen=(locator,))) as network:
+        yield network.session
+
+
+@pytest.fixture
+def publisher(session):
     info = {"version": "1", "model": "m"}
     effective = Config().to_json()
-    with (
-        Network(config) as network,
-        ZenohPublisher(network.session, "t", info=info, effective_config=effective) as publisher,
-    ):
+    with ZenohPublisher(session, "t", info=info, effective_config=effective) as publisher:
         yield publisher
 
 
 @pytest.fixture
-def reader(publisher, locator):
+def reader(session, locator):
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([locator]))

@@ -1,10 +1,12 @@
-from itertools import combinations
-
 import numpy as np
 import pytest
-from sklearn.svm import SVC, LinearSVC
+from sklearn.ensemble import HistGradientBoostingClassifier
 
-from ertis_detector.classifier import OneVersusOne, fit, softmax
+from ertis_detector.classifier import joint_votes
+from ertis_detector.fit_trees import fit_trees
+from ertis_detector.fitting import fit
+from ertis_detector.networks import Committee, softmax
+from ertis_detector.trees import Trees
 
 CLASSES = ("none", "r35", "r48", "r58")
 
@@ -19,42 +21,84 @@ def clouds(seed, count=240, spread=1.0, num_features=20):
     return features.astype(np.float32), [CLASSES[i] for i in index], groups
 
 
+def fitted_to(features, labels, groups, **options):
+    return fit(features, list(labels), list(groups), num_networks=1, num_folds=3, **options)
+
+
 def unseen(features, labels, groups):
     """What is said of each row by classifiers that saw none of its group."""
-    made = fit(features, labels.tolist(), list(groups))
+    made = fitted_to(features, labels, groups)
     np.testing.assert_allclose(made.probabilities.sum(axis=1), 1.0, atol=1e-5)
     return np.array(made.classifier.classes)[made.probabilities.argmax(axis=1)]
 
 
 @pytest.fixture(scope="module")
 def fitted():
-    return fit(*clouds(1)).classifier
+    return fitted_to(*clouds(1, 400)).classifier
 
 
-def test_numpy_decides_each_pair_as_scikit_learn_does(fitted):
-    features, labels, _ = clouds(1)
-    fresh, _, _ = clouds(2, 500)
-    margins = fitted.decision_margins(fresh)
-    mean, scale = features.mean(axis=0), features.std(axis=0)
-    told = np.array(labels)
-    for column, (a, b) in enumerate(combinations(CLASSES, 2)):
-        pair = (told == a) | (told == b)
-        svm = LinearSVC(C=0.1, class_weight="balanced", dual=False)
-        svm.fit((features[pair] - mean) / scale, told[pair] == a)
-        theirs = svm.decision_function((fresh - mean) / scale)
-        np.testing.assert_allclose(margins[:, column], theirs, atol=1e-3)
-        says_a = svm.predict((fresh - mean) / scale)
-        clear = np.abs(theirs) > 1e-3
-        np.testing.assert_array_equal((margins[:, column] > 0)[clear], says_a[clear])
+def test_numpy_applies_trees_as_scikit_learn_does():
+    features, labels, _ = clouds(1, 400)
+    fresh, _, _ = clouds(2, 300)
+    trees = fit_trees(features, np.array(labels), num_rounds=20)
+    theirs = HistGradientBoostingClassifier(
+        max_iter=20,
+        learning_rate=0.12,
+        max_leaf_nodes=24,
+        l2_regularization=1.0,
+        early_stopping=False,
+        random_state=0,
+    ).fit(features, labels)
+    np.testing.assert_allclose(trees.votes(fresh), theirs.predict_proba(fresh), atol=1e-5)
 
 
-def test_the_predictions_are_mostly_those_of_scikit_learns_own_voting(fitted):
-    features, labels, _ = clouds(1)
-    fresh, _, _ = clouds(3, 500)
-    mean, scale = features.mean(axis=0), features.std(axis=0)
-    svm = SVC(kernel="linear", C=1.0).fit((features - mean) / scale, labels)
-    agreed = np.mean(svm.predict((fresh - mean) / scale) == fitted.predict(fresh))
-    assert agreed > 0.93
+def test_two_classes_are_trees_too():
+    features, labels, _ = clouds(3, 300)
+    pair = np.isin(labels, ("none", "r35"))
+    trees = fit_trees(features[pair], np.array(labels)[pair], num_rounds=10)
+    votes = trees.votes(features[pair])
+    assert votes.shape == (pair.sum(), 2)
+    assert np.mean((votes[:, 1] > 0.5) == (np.array(labels)[pair] == "r35")) > 0.95
+
+
+def test_a_tree_is_followed_from_its_root_to_its_leaf():
+    """One tree by hand: feature 1 at most 0.5, then feature 0 at most -1; and one of a leaf."""
+    trees = Trees(
+        np.array([1, 0, 0, 0, 0, 0], np.uint8),
+        np.array([0.5, 0.0, -1.0, 0.0, 0.0, 0.0], np.float32),
+        np.array([1, 0, 3, 0, 0, 0], np.uint8),
+        np.array([2, 0, 4, 0, 0, 0], np.uint8),
+        np.array([0.0, 7.0, 0.0, 8.0, 9.0, 2.0], np.float32),
+        np.array([0, 5], np.int32),
+        np.array([0.25, 0.5], np.float32),
+    )
+    rows = np.array([[0, 0.5], [0, 0.6], [-1, 0.6], [-2, 0.4]], np.float32)
+    np.testing.assert_allclose(
+        trees.scores(rows), [[7.25, 2.5], [9.25, 2.5], [8.25, 2.5], [7.25, 2.5]]
+    )
+
+
+def test_a_committee_is_the_mean_of_its_networks_probabilities():
+    rng = np.random.default_rng(4)
+    shapes = [(3, 5, 4), (3, 1, 4), (3, 4, 3), (3, 1, 3), (3, 3, 2), (3, 1, 2)]
+    layers = [rng.normal(size=shape).astype(np.float32) for shape in shapes]
+    committee = Committee(np.zeros(5, np.float32), np.ones(5, np.float32), *layers)
+    rows = rng.normal(size=(6, 5)).astype(np.float32)
+    expected = np.zeros((6, 2))
+    for k in range(3):
+        hidden = rows
+        for weights, bias in zip(layers[0:4:2], layers[1:4:2], strict=True):
+            hidden = np.maximum(hidden @ weights[k] + bias[k], 0)
+        expected += softmax(hidden @ layers[4][k] + layers[5][k]) / 3
+    np.testing.assert_allclose(committee.votes(rows), expected, rtol=1e-5)
+
+
+def test_networks_and_trees_have_equal_say(fitted):
+    fresh, _, _ = clouds(4, 50)
+    both = joint_votes(fitted.committee, fitted.trees, fresh)
+    apart = (fitted.committee.votes(fresh), fitted.trees.votes(fresh))
+    np.testing.assert_allclose(both, (apart[0] + apart[1]) / 2)
+    assert np.abs(apart[0] - apart[1]).max() > 0.01
 
 
 def test_it_recognises_what_it_has_not_seen(fitted):
@@ -72,8 +116,15 @@ def test_probabilities_sum_to_one_and_the_largest_is_the_prediction(fitted):
     np.testing.assert_array_equal(best, fitted.predict(fresh))
 
 
+def test_what_is_said_of_a_row_does_not_depend_on_its_neighbours(fitted):
+    fresh, _, _ = clouds(6, 20)
+    together = fitted.probabilities(fresh)
+    for row, found in zip(fresh, together, strict=True):
+        np.testing.assert_allclose(fitted.probabilities(row[None])[0], found, atol=1e-5)
+
+
 def test_probabilities_are_calibrated_on_unseen_groups():
-    classifier = fit(*clouds(6, 1200, spread=2.2)).classifier
+    classifier = fitted_to(*clouds(6, 1200, spread=2.2)).classifier
     fresh, labels, _ = clouds(7, 4000, spread=2.2)
     rows = classifier.probabilities(fresh)
     said, right = rows.max(axis=1), np.array(classifier.predict(fresh)) == labels
@@ -95,64 +146,33 @@ def test_a_group_never_stands_on_both_sides_of_a_fold():
 
 
 def test_the_cross_validated_predictions_stand_in_the_order_of_the_rows():
-    features, labels, groups = clouds(9, spread=0.3)
+    features, labels, groups = clouds(9, 400, spread=0.3)
     predicted = unseen(features, np.array(labels), groups)
     assert np.mean(predicted == np.array(labels)) > 0.98
 
 
-def test_a_rare_class_is_not_forgotten():
-    features, labels, groups = clouds(10, 400, spread=0.5)
-    kept = [i for i, label in enumerate(labels) if label != "r58" or i % 8 == 0]
-    classifier = fit(
-        features[kept], [labels[i] for i in kept], [groups[i] for i in kept]
-    ).classifier
-    fresh, told, _ = clouds(11, 400, spread=0.5)
-    rare = np.array(told) == "r58"
-    assert np.mean(np.array(classifier.predict(fresh))[rare] == "r58") > 0.9
+def test_the_number_of_workers_changes_nothing():
+    features, labels, groups = clouds(10, 200)
+    one, two = (fitted_to(features, labels, groups, workers=n) for n in (1, 2))
+    np.testing.assert_array_equal(one.probabilities, two.probabilities)
 
 
 def test_a_feature_that_never_changes_does_no_harm():
     features, labels, groups = clouds(12)
     features[:, 3] = 7.0
-    classifier = fit(features, labels, groups).classifier
+    classifier = fitted_to(features, labels, groups).classifier
     assert np.isfinite(classifier.probabilities(features)).all()
 
 
-def test_training_names_what_is_missing():
-    features, labels, groups = clouds(13, 40)
-    with pytest.raises(ValueError, match="two classes at least, met r48"):
-        fit(features, ["r48"] * 40, groups)
-    with pytest.raises(ValueError, match="5 scenes at least, met 3"):
-        fit(features, labels, [f"scene {i % 3}" for i in range(40)])
-    with pytest.raises(ValueError, match="two classes at least, met none"):
-        fit(features[:0], [], [])
+def test_one_class_alone_is_refused():
+    features, _, groups = clouds(13)
+    with pytest.raises(ValueError, match="nothing to tell apart"):
+        fitted_to(features, ["none"] * len(features), groups)
 
 
-def test_a_class_that_only_one_fold_holds_is_named_or_lived_with():
-    features, labels, groups = clouds(14, 80)
-    labels = [
-        "r70" if group == "scene 3" else label for label, group in zip(labels, groups, strict=True)
-    ]
-    try:
-        classifier = fit(features, labels, groups).classifier
-    except ValueError as error:
-        assert "r70" in str(error)  # noqa: PT017
-    else:
-        assert "r70" in classifier.classes
-
-
-def test_margins_become_log_odds_by_the_coupling():
-    one = np.ones(1, np.float32)
-    weights, bias = np.array([[1.0], [0.0], [0.0]], np.float32), np.zeros(3, np.float32)
-    coupling = np.array([[1, -1, 0], [1, 0, -1], [0, 1, -1]], np.float32)
-    offset = np.array([0.0, 0.0, -2.0], np.float32)
-    classifier = OneVersusOne(("a", "b", "c"), 0 * one, one, weights, bias, coupling, offset)
-    rows = classifier.probabilities(np.array([[0.5], [-0.5], [50.0], [60.0]], np.float32))
-    odds = np.log(rows[:, :1] / rows)
-    np.testing.assert_allclose(odds[:2], [[0, 1, 2.5], [0, -1, 1.5]], atol=1e-5)
-    np.testing.assert_allclose(odds[2], odds[3], atol=1e-5)  # a margin counts up to a cap
-    assert classifier.predict(np.array([[5.0], [-0.5]], np.float32)) == ["a", "b"]
-
-
-def test_softmax_survives_large_values():
-    np.testing.assert_allclose(softmax(np.array([[1e4, 0.0]], np.float32)), [[1.0, 0.0]])
+def test_a_class_of_a_single_scene_is_refused():
+    features, labels, groups = clouds(14)
+    pairs = zip(labels, groups, strict=True)
+    labels = ["r70" if group == "scene 0" else label for label, group in pairs]
+    with pytest.raises(ValueError, match="too few groups"):
+        fitted_to(features, labels, groups)

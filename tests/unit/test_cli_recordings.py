@@ -1,4 +1,4 @@
-"""The commands that make and read recordings: simulate, detect, train."""
+"""The commands that make and read recordings: simulate, detect."""
 
 import json
 
@@ -9,7 +9,7 @@ from ertis_daemon.chirp_guess import guess_chirp
 from ertis_daemon.cli import main
 from ertis_daemon.pipeline import build_scanner
 from ertis_driver.audio import PdmDecoder
-from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP, Chirp
+from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
 from ertis_driver.device import Settings
 from ertis_driver.errors import SettingsError
 from ertis_driver.recording import open_recording
@@ -40,7 +40,32 @@ def error_of(capsys):
 
 def test_sound_at_the_audible_clock_is_no_food_for_the_detector():
     with pytest.raises(SettingsError, match="detection needs 4500000"):
-        build_scanner(Settings(pdm_rate_hz=1_125_000), 343.0)
+        build_scanner(Settings(pdm_rate_hz=1_125_000), 20.0)
+
+
+def test_detect_takes_the_air_of_each_ping(tmp_path, capsys):
+    """One landmark heard at -5 and at 35 C: its echo comes 7 % earlier in warm air."""
+    from ertis_detector.air import Air
+    from ertis_driver.frame import PdmFrame
+    from ertis_driver.recording import RecordingInfo, RecordingWriter
+    from ertis_simulator.landmark import Dish
+    from ertis_simulator.room import Room
+    from ertis_simulator.scene import DishObject, Pose, Scene
+
+    room = Room((-np.inf, np.inf), (-np.inf, np.inf), floor_reflection=0.0)
+    dish = DishObject("r58", Dish.landmark(58), (2.0, 0.0, 0.6), (np.pi, 0.0))
+    path = tmp_path / "air.mcap"
+    with RecordingWriter(path, RecordingInfo("sim", DEFAULT_CHIRP, 163_840)) as writer:
+        for index, temperature_c in enumerate((-5.0, 35.0)):
+            scene = Scene(room, Pose((0.0, 0.0, 0.6), 0.0), (dish,), air=Air(temperature_c))
+            words = scene.hear(index, 163_840, DEFAULT_CHIRP.samples(450e3))
+            writer.write(PdmFrame(words, index, 0), temperature_c=temperature_c)
+    assert main(["detect", str(path), "--json"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    for line in lines:
+        assert [one["class"] for one in line["landmarks"]] == ["r58"]
+        assert line["landmarks"][0]["range_m"] == pytest.approx(2.0, abs=0.01)
+        assert line["landmarks"][0]["state"] == "new"  # every ping by itself
 
 
 def test_a_simulated_recording_says_so_and_holds_its_truth(recording):
@@ -119,31 +144,3 @@ def test_a_recording_cut_short_is_refused_in_one_line_after_what_is_whole(
     assert len(captured.out.splitlines()) == 1
     assert len(captured.err.splitlines()) == 1
     assert "cut.mcap" in captured.err
-
-
-def test_training_needs_truth(tmp_path, capsys):
-    from ertis_driver.frame import PdmFrame
-    from ertis_driver.recording import RecordingInfo, RecordingWriter
-
-    path = tmp_path / "blind.mcap"
-    with RecordingWriter(path, RecordingInfo("live", DEFAULT_CHIRP, 163_840)) as writer:
-        writer.write(PdmFrame(np.zeros(163_840, np.uint32), 0, 0))
-    assert main(["train", str(path), "-o", str(tmp_path / "m.safetensors")]) == 1
-    assert "no truth" in error_of(capsys)
-
-
-def test_training_makes_the_same_model_from_the_same_seed(tmp_path, capsys):
-    from ertis_detector.model import load_model
-
-    models = []
-    for name in ("one", "two"):
-        recording, model = tmp_path / f"{name}.mcap", tmp_path / f"{name}.safetensors"
-        make = ["simulate", "--random", "--seed", "4", "-n", "30", "-o", str(recording)]
-        assert main(make) == 0
-        assert main(["train", str(recording), "-o", str(model)]) == 0
-        models.append(load_model(model))
-    assert models[0].card == models[1].card
-    assert np.array_equal(models[0].classifier.weights, models[1].classifier.weights)
-    assert Chirp.parse(models[0].card.chirp) == DEFAULT_CHIRP
-    assert models[0].card.source == "sim"
-    capsys.readouterr()

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from ertis_detector.detector import MAX_AZIMUTH_RAD, LandmarkDetector, Scanner
+from ertis_detector.detector import LandmarkDetector
 from ertis_detector.errors import DetectorError, ModelMismatch
 from ertis_detector.features import NUM_FEATURES
 from ertis_detector.model import load_model, shipped_model
 from ertis_detector.proposals import propose
+from ertis_detector.scanner import MAX_PROPOSALS, MIN_SNR_DB, Scanner
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
@@ -30,7 +31,7 @@ def scanner(**changes):
         "chirp_samples": CHIRP,
         "chirp_band_hz": (20e3, 80e3),
         "num_samples": DEFAULT_NUM_WORDS // 10,
-        "speed_of_sound_m_s": 343.2,
+        "temperature_c": 20.0,
     }
     return Scanner(**{**given, **changes})
 
@@ -124,7 +125,8 @@ def test_the_same_audio_gives_the_same_report(detector):
 
 def test_the_scanner_hears_a_dish_where_its_rings_come_from():
     ears = scanner()
-    baseband, found = ears.candidates(audio_of(scene(landmark(70, 2.0, -10.0))))
+    baseband, scape = ears.image(audio_of(scene(landmark(70, 2.0, -10.0))))
+    found = ears.candidates(baseband, scape)
     loudest = max(found, key=lambda one: one.snr_db)
     ring_m = 2.0 + (np.sqrt(2) - 1) * 1.1333 * 0.070
     assert loudest.location.range_m == pytest.approx(ring_m, abs=0.015)
@@ -137,9 +139,9 @@ def test_a_strong_reflectors_sidelobes_and_floor_echoes_are_no_candidates():
     for number in range(6):
         loud = random_scene(6, number)
         samples = loud.hear(0, DEFAULT_NUM_WORDS, CHIRP)
-        _, scape = ears.image(PdmDecoder().decode(samples).audio)
-        proposals = propose(scape, max_count=8, min_snr_db=14.0, max_azimuth_rad=MAX_AZIMUTH_RAD)
-        _, found = ears.candidates(PdmDecoder().decode(samples).audio)
+        baseband, scape = ears.image(PdmDecoder().decode(samples).audio)
+        proposals = propose(scape, max_count=MAX_PROPOSALS, min_snr_db=MIN_SNR_DB)
+        found = ears.candidates(baseband, scape)
         dropped += len(proposals) - len(found)
         for one in found:
             weaker = [other for other in found if other.snr_db < one.snr_db - 12.0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save
 
-from ertis_detector.classifier import OneVersusOne
+from ertis_detector.classifier import Classifier
 from ertis_detector.errors import ModelError, ModelMismatch
 from ertis_detector.features import NUM_FEATURES
 from ertis_detector.model import (
@@ -19,26 +19,65 @@ from ertis_detector.model import (
     save_model,
     shipped_model,
 )
+from ertis_detector.networks import Committee
+from ertis_detector.readout import Readout
+from ertis_detector.trees import Trees
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
 
 CLASSES = ("none", "r35", "r48")
-ARRAYS = ("mean", "scale", "weights", "bias", "coupling", "offset")
 CARD = ModelCard("hall-1", DEFAULT_CHIRP.name, FILTER_VERSION, "sim", "3 recordings")
 
 
-def made(**changes):
+def arrays():
+    """By name as in the file: two networks of three and two neurons, two trees a class."""
     rng = np.random.default_rng(1)
-    arrays = {
-        "mean": rng.normal(size=NUM_FEATURES).astype(np.float32),
-        "scale": rng.uniform(0.5, 2, NUM_FEATURES).astype(np.float32),
-        "weights": rng.normal(size=(3, NUM_FEATURES)).astype(np.float32),
-        "bias": rng.normal(size=3).astype(np.float32),
-        "coupling": rng.normal(size=(3, 3)).astype(np.float32),
-        "offset": rng.normal(size=3).astype(np.float32),
+
+    def some(*shape):
+        return rng.normal(size=shape).astype(np.float32)
+
+    return {
+        "committee.mean": some(NUM_FEATURES),
+        "committee.scale": np.abs(some(NUM_FEATURES)) + 0.5,
+        "committee.first": some(2, NUM_FEATURES, 3),
+        "committee.first_bias": some(2, 1, 3),
+        "committee.second": some(2, 3, 2),
+        "committee.second_bias": some(2, 1, 2),
+        "committee.last": some(2, 2, 3),
+        "committee.last_bias": some(2, 1, 3),
+        "trees.feature": np.tile(np.array([5, 0, 0], np.uint8), 6),
+        "trees.threshold": some(18),
+        "trees.left": np.tile(np.array([1, 0, 0], np.uint8), 6),
+        "trees.right": np.tile(np.array([2, 0, 0], np.uint8), 6),
+        "trees.value": some(18),
+        "trees.roots": np.arange(0, 18, 3, dtype=np.int32),
+        "trees.baseline": some(3),
+        "readout.mean": some(NUM_FEATURES),
+        "readout.scale": np.abs(some(NUM_FEATURES)) + 0.5,
+        "readout.weights": some(NUM_FEATURES + 3, 2),
+        "readout.variances": np.abs(some(3, 3)),
+        "coupling": some(3, 3),
+        "offset": some(3),
     }
-    parts = {"classes": CLASSES, **arrays, **changes}
-    return Model(OneVersusOne(**parts), replace(CARD, figures={"accuracy": 0.9}))
+
+
+def made(**changes):
+    """A model; changes by the arrays' names, a point written as two underscores."""
+    given = {"classes": CLASSES, "sizes": CLASSES[1:], **arrays()}
+    given |= {name.replace("__", "."): value for name, value in changes.items()}
+
+    def part(prefix):
+        return {k.removeprefix(prefix): v for k, v in given.items() if k.startswith(prefix)}
+
+    classifier = Classifier(
+        given["classes"],
+        Committee(**part("committee.")),
+        Trees(**part("trees.")),
+        given["coupling"],
+        given["offset"],
+    )
+    readout = Readout(given["sizes"], **part("readout."))
+    return Model(classifier, readout, replace(CARD, figures={"accuracy": 0.9}))
 
 
 @pytest.fixture
@@ -74,8 +113,8 @@ def test_a_model_reads_back_as_it_was_written(saved):
 
 
 def test_saving_replaces_the_file_and_leaves_nothing_beside_it(saved):
-    save_model(made(bias=np.full(3, 2.0, np.float32)), saved)
-    assert np.all(load_model(saved).classifier.bias == 2.0)
+    save_model(made(offset=np.full(3, 2.0, np.float32)), saved)
+    assert np.all(load_model(saved).classifier.offset == 2.0)
     assert [p.name for p in saved.parent.iterdir()] == [saved.name]
 
 
@@ -107,7 +146,7 @@ def test_safetensors_of_somebody_else_are_refused(path):
     path.write_bytes(save({"mean": np.zeros(3, np.float32)}, {"format": "pt"}))
     assert "'pt'" in refusal(path)
     path.write_bytes(save({"mean": np.zeros(3, np.float32)}))
-    assert "expected 'ertis-model/1'" in refusal(path)
+    assert "expected 'ertis-model/2'" in refusal(path)
 
 
 @pytest.mark.parametrize("part", [0.01, 0.1, 0.5, 0.9, 0.999])
@@ -138,7 +177,7 @@ def test_a_turned_bit_is_refused_or_leaves_a_model_that_can_be_used(saved):
             assert "\n" not in str(error)  # noqa: PT017
             refused += 1
             continue
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             assert model.classifier.probabilities(features).shape == (4, len(model.classes))
     assert refused > 20
 
@@ -148,25 +187,52 @@ def test_a_file_too_large_is_refused_unread(path):
     assert f"at most {MAX_MODEL_BYTES}" in refusal(path)
 
 
+def one_less(array):
+    return np.ascontiguousarray(array[:-1])
+
+
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("name", "wrong", "told"),
     [
-        ({"weights": np.full((3, NUM_FEATURES), np.nan, np.float32)}, "weights"),
-        ({"bias": np.full(3, np.inf, np.float32)}, "bias"),
-        ({"weights": np.zeros((3, 7), np.float32)}, "weights"),
-        ({"weights": np.zeros((4, NUM_FEATURES), np.float32)}, "weights"),
-        ({"mean": np.zeros(NUM_FEATURES)}, "float64"),
-        ({"scale": np.zeros(NUM_FEATURES, np.float32)}, "not above 0"),
-        ({"coupling": np.zeros((3, 4), np.float32)}, "coupling"),
-        ({"offset": np.full(3, np.nan, np.float32)}, "offset"),
-        ({"classes": ("none",)}, "classes"),
-        ({"classes": ("r35", "r48", "r58")}, "classes"),
-        ({"classes": ("none", "r35", "r35")}, "classes"),
+        ("committee.first", lambda a: a * np.float32(np.nan), "committee.first"),
+        ("committee.first", lambda a: np.ascontiguousarray(a[:, :-1]), "committee.first"),
+        ("committee.first", lambda a: a[0], "committee.first"),
+        ("committee.second", one_less, "committee.second"),
+        ("committee.last_bias", lambda a: a + np.float32(np.inf), "committee.last_bias"),
+        ("committee.scale", lambda a: 0 * a, "not above 0"),
+        ("trees.value", one_less, "trees.value"),
+        ("trees.feature", lambda a: a.astype(np.int32), "int32"),
+        ("trees.feature", lambda a: a + np.uint8(250), "lead nowhere"),
+        ("trees.left", lambda a: a * np.uint8(9), "lead nowhere"),
+        ("trees.left", lambda a: 0 * a, "lead nowhere"),
+        ("trees.roots", lambda a: a[::-1].copy(), "lead nowhere"),
+        ("trees.roots", one_less, "lead nowhere"),
+        ("trees.roots", lambda a: a + np.int32(1), "lead nowhere"),
+        ("readout.weights", one_less, "readout.weights"),
+        ("readout.scale", lambda a: 0 * a, "not above 0"),
+        ("readout.mean", lambda a: a.astype(np.float64), "float64"),
+        ("coupling", one_less, "coupling"),
+        ("offset", lambda a: a * np.float32(np.nan), "offset"),
     ],
 )
-def test_arrays_that_make_no_classifier_are_refused(path, changes, told):
-    save_model(made(**changes), path)
+def test_arrays_that_make_no_model_are_refused(path, name, wrong, told):
+    save_model(made(**{name.replace(".", "__"): wrong(arrays()[name])}), path)
     assert told in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("classes", "sizes"),
+    [
+        (("none",), ()),
+        (("r35", "r48", "r58"), ("r35", "r48", "r58")),
+        (("none", "r35", "r35"), ("r35", "r35")),
+        (("none", "r35", "r48"), ("r48", "r35")),
+        (("none", "r35", "bowl"), ("r35", "bowl")),
+    ],
+)
+def test_classes_that_are_no_landmarks_are_refused(path, classes, sizes):
+    save_model(made(classes=classes, sizes=sizes), path)
+    assert "expected" in refusal(path)
 
 
 @pytest.mark.parametrize(
@@ -175,6 +241,7 @@ def test_arrays_that_make_no_classifier_are_refused(path, changes, told):
         {"classes": "not json"},
         {"classes": "3"},
         {"classes": "[1, 2, 3]"},
+        {"sizes": "{}"},
         {"card": "{}"},
         {"card": "[]"},
         {"card": json.dumps({"name": "x", "surprise": 1})},
@@ -182,27 +249,24 @@ def test_arrays_that_make_no_classifier_are_refused(path, changes, told):
     ],
 )
 def test_damaged_metadata_are_refused(path, changes):
-    classifier = made().classifier
-    arrays = {name: getattr(classifier, name) for name in ARRAYS}
     card = {"name": "x", "chirp": "c", "audio_filter": "f", "source": "sim", "data": "d"}
     metadata = {
-        "format": "ertis-model/1",
+        "format": "ertis-model/2",
         "classes": json.dumps(CLASSES),
+        "sizes": json.dumps(CLASSES[1:]),
         "card": json.dumps(card),
     }
-    path.write_bytes(save(arrays, metadata))
+    path.write_bytes(save(arrays(), metadata))
     assert load_model(path).name == "x"
-    path.write_bytes(save(arrays, {**metadata, **changes}))
+    path.write_bytes(save(arrays(), {**metadata, **changes}))
     assert "metadata is damaged" in refusal(path)
 
 
-@pytest.mark.parametrize("key", ["classes", "card"])
+@pytest.mark.parametrize("key", ["classes", "sizes", "card"])
 def test_absent_metadata_are_refused(path, key):
-    classifier = made().classifier
-    arrays = {name: getattr(classifier, name) for name in ARRAYS}
-    whole = {"classes": "[]", "card": "{}"}
+    whole = {"classes": "[]", "sizes": "[]", "card": "{}"}
     metadata = {k: v for k, v in whole.items() if k != key}
-    path.write_bytes(save(arrays, {"format": "ertis-model/1", **metadata}))
+    path.write_bytes(save(arrays(), {"format": "ertis-model/2", **metadata}))
     assert key in refusal(path)
 
 
@@ -226,8 +290,8 @@ def test_a_model_of_another_device_names_both(met, expected):
 
 
 def test_features_of_another_version_do_not_fit():
-    old = Model(made().classifier, replace(CARD, features="paper20-db-0"))
-    with pytest.raises(ModelMismatch, match="paper20-db-0"):
+    old = replace(made(), card=replace(CARD, features="paper20-db-pairs-1"))
+    with pytest.raises(ModelMismatch, match="paper20-db-pairs-1"):
         old.check(chirp=DEFAULT_CHIRP.name, audio_filter=FILTER_VERSION)
 
 

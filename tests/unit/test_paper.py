@@ -27,6 +27,7 @@ def ping(audio, **changes):
         temperature_c=20.0,
         chirp=CHIRP,
         chirp_band_hz=(50e3, 60e3),
+        chirp_name="test",
         mic_positions_m=MICS_M,
         emitter_position_m=np.zeros(3),
     )

@@ -1,20 +1,24 @@
-"""``ertis detect``: the daemon's own path on a recording."""
+"""``ertis detect``: the daemon's own detector on a recording, every ping by itself."""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ertis_daemon.config import Config
-    from ertis_detector.detector import Scanner
+    from ertis_detector.detector import LandmarkDetector, Scan
+    from ertis_detector.reflectors import Reflector
+    from ertis_detector.scanner import Scanner
     from ertis_driver.chirp import Emission
+    from ertis_driver.device import Settings
     from ertis_driver.recording import RecordedPing, Recording
 
 _SAID = {"sim": "simulated", "replay": "recorded"}
+_MAX_DETECTORS = 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,64 +44,98 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Detect in every ping and print what was found."""
-    from ertis_daemon.events import dump_json
-    from ertis_daemon.pipeline import build_pipeline, build_scanner
-    from ertis_daemon.service import report
+    """Detect in every ping by itself and print what was found."""
     from ertis_driver.device import Settings
     from ertis_driver.recording import open_recording
 
     recording = open_recording(args.file)
     chirp = _chirp(args, recording)
-    config = _config(args, recording)
-    settings = Settings(chirp, recording.info.num_words)
-    pipeline = build_pipeline(config, settings)
-    scanner = build_scanner(settings, config.speed_of_sound_m_s)
-    source = "sim" if recording.info.source == "sim" else "replay"
+    look = _Look(args, Settings(chirp, recording.info.num_words), recording)
     for number, ping in enumerate(recording):
-        tracks = pipeline.process(ping.frame).tracks
-        line: dict[str, Any] = {
-            "ping_index": ping.frame.ping_index,
-            "source": source,
-            "model": pipeline.model_name,
-            "chirp": chirp.name,
-            "landmarks": [json.loads(dump_json(report(track))) for track in tracks],
-        }
-        picture = args.plot if number == 0 else None
-        if args.reflectors or picture:
-            title = f"{args.file.name}, ping {ping.frame.ping_index} ({_SAID[source]})"
-            line["reflectors"] = _look(ping, scanner, args.reflectors, line, picture, title)
+        line = look.at(ping, args.plot if number == 0 else None)
         print(json.dumps(line) if args.json else _text(line))
     return 0
 
 
-def _look(
-    ping: RecordedPing,
-    scanner: Scanner,
-    count: int,
-    line: dict[str, Any],
-    picture: Path | None,
-    title: str,
-) -> list[dict[str, float]]:
-    """The strongest reflectors; draws the picture if one is wanted."""
-    import dataclasses
+class _Look:
+    """One detector a temperature, and what it says of a ping."""
 
-    from ertis_detector.reflectors import strongest
-    from ertis_driver.audio import PdmDecoder, whole_samples
+    def __init__(self, args: argparse.Namespace, settings: Settings, recording: Recording) -> None:
+        from ertis_driver.audio import PdmDecoder
 
-    decoded = PdmDecoder().decode(whole_samples(ping.frame.words))
-    baseband, scape = scanner.image(decoded.audio)
-    spots = strongest(scanner, baseband, scape, count) if count else []
-    if picture is not None:
+        self._args, self._settings, self._info = args, settings, recording.info
+        self._decoder = PdmDecoder()
+        self._detectors: dict[float, LandmarkDetector] = {}
+        self._source = "sim" if recording.info.source == "sim" else "replay"
+        self._detector(self._temperature_c(None))  # a wrong model is told before the first ping
+
+    def at(self, ping: RecordedPing, picture: Path | None) -> dict[str, Any]:
+        """One line of output; draws the picture if one is wanted."""
+        from ertis_daemon.events import dump_json
+        from ertis_daemon.service import report
+        from ertis_detector.tracker import Track
+        from ertis_driver.audio import whole_samples
+
+        detector = self._detector(self._temperature_c(ping.temperature_c))
+        scan = detector.scan(self._decoder.decode(whole_samples(ping.frame.words)).audio)
+        found = [Track(n, "new", one) for n, one in enumerate(detector.judge(scan), 1)]
+        line: dict[str, Any] = {
+            "ping_index": ping.frame.ping_index,
+            "source": self._source,
+            "model": detector.model.name,
+            "chirp": self._settings.chirp.name,
+            "landmarks": [json.loads(dump_json(report(track))) for track in found],
+        }
+        count = self._args.reflectors
+        if count or picture:
+            spots = self._reflectors(detector.scanner, scan, count)
+            line["reflectors"] = [dataclasses.asdict(spot) for spot in spots]
+            if picture is not None:
+                self._draw(scan, line, spots, picture)
+        return line
+
+    def _temperature_c(self, of_ping: float | None) -> float:
+        from ertis_daemon.pipeline import rounded_temperature_c
+
+        for known in (self._args.temperature_c, of_ping, self._info.temperature_c):
+            if known is not None:
+                return rounded_temperature_c(known)
+        return rounded_temperature_c(None)
+
+    def _detector(self, temperature_c: float) -> LandmarkDetector:
+        from ertis_daemon.pipeline import build_detector
+
+        if temperature_c not in self._detectors:
+            if len(self._detectors) >= _MAX_DETECTORS:
+                self._detectors.clear()
+            self._detectors[temperature_c] = build_detector(
+                self._settings,
+                temperature_c,
+                self._args.model or "",
+                self._args.min_probability,
+            )
+        return self._detectors[temperature_c]
+
+    def _reflectors(self, scanner: Scanner, scan: Scan, count: int) -> list[Reflector]:
+        from ertis_detector.reflectors import strongest
+
+        return strongest(scanner, scan.baseband, scan.scape, count) if count else []
+
+    def _draw(
+        self, scan: Scan, line: dict[str, Any], spots: list[Reflector], picture: Path
+    ) -> None:
         from ertis_daemon.picture import draw
 
-        named = [
-            (f"{one['class']} {one['probabilities'][one['class']]:.2f}", one)
+        title = f"{self._args.file.name}, ping {line['ping_index']} ({_SAID[self._source]})"
+        places = [
+            (
+                f"{one['class']} {one['probabilities'][one['class']]:.2f}",
+                one["range_m"],
+                one["azimuth_rad"],
+            )
             for one in line["landmarks"]
         ]
-        places = [(text, one["range_m"], one["azimuth_rad"]) for text, one in named]
-        draw(scape, places, spots, title, picture)
-    return [dataclasses.asdict(spot) for spot in spots]
+        draw(scan.scape, places, spots, title, picture)
 
 
 def _chirp(args: argparse.Namespace, recording: Recording) -> Emission:
@@ -132,25 +170,6 @@ def _chirp(args: argparse.Namespace, recording: Recording) -> Emission:
         )
         return chirp
     raise RecordingError(f"{args.file} holds no ping")
-
-
-def _config(args: argparse.Namespace, recording: Recording) -> Config:
-    import dataclasses
-
-    from ertis_daemon.config import Config, example_yaml
-    from ertis_daemon.config_read import parse_config
-
-    config = Config()
-    recorded = recording.info.temperature_c
-    temperature_c = args.temperature_c
-    if temperature_c is None:
-        temperature_c = config.temperature_c if recorded is None else recorded
-    detector = dataclasses.replace(
-        config.detector, model=args.model or "", min_probability=args.min_probability
-    )
-    config = dataclasses.replace(config, temperature_c=temperature_c, detector=detector)
-    # Checked as if it stood in a configuration file.
-    return parse_config(example_yaml(config).encode(), "flags")
 
 
 def _text(line: dict[str, Any]) -> str:

@@ -94,6 +94,7 @@ def _add_sonar_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record until enough, Ctrl-C, or the sonar or the disk ends it."""
+    from ertis_daemon.pipeline import rounded_temperature_c
     from ertis_daemon.recordings.looking import Looker
     from ertis_daemon.recordings.session import Session
     from ertis_driver.open import open_device
@@ -104,9 +105,8 @@ def run(args: argparse.Namespace) -> int:
         sonar = stack.enter_context(open_device(args.address, reconnect=True))
         sonar.configure(settings)
         settings = sonar.settings or settings  # a recording keeps its own
-        looker = Looker(
-            settings, _speed_m_s(args), sonar.info.source, pictures=not args.no_pictures
-        )
+        temperature_c = rounded_temperature_c(args.temperature_c)
+        looker = Looker(settings, temperature_c, sonar.info.source, pictures=not args.no_pictures)
         writer = _writer(args, _info(args, sonar, settings))
         stack.callback(writer.close)
         if looker.why_no_pictures:
@@ -150,17 +150,6 @@ def _settings(args: argparse.Namespace) -> Settings:
         raise SettingsError(f"--temperature-c {args.temperature_c:g}, expected -60 to 80")
     chirp = Chirp.parse(args.chirp) if args.chirp else DEFAULT_CHIRP
     return Settings(chirp, DEFAULT_NUM_WORDS if args.words is None else args.words)
-
-
-def _speed_m_s(args: argparse.Namespace) -> float:
-    import dataclasses
-
-    from ertis_daemon.config import Config
-
-    config = Config()
-    if args.temperature_c is not None:
-        config = dataclasses.replace(config, temperature_c=args.temperature_c)
-    return config.speed_of_sound_m_s
 
 
 def _info(args: argparse.Namespace, sonar: Sonar, settings: Settings) -> RecordingInfo:

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from pathlib import Path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the flags."""
-    parser.add_argument("recordings", nargs="+", type=Path, help="MCAP recordings with truth")
+    parser.add_argument(
+        "recordings",
+        nargs="+",
+        type=Path,
+        help="MCAP recordings with truth, and folders of labelled data sets",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -19,6 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="model file; a folder gets one named after the chirp",
     )
     parser.add_argument("--name", help="what events call the model; default from the chirp")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="default: every core"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         if sys.stderr.isatty():
             print(f"\r{pings} pings read", end="", file=sys.stderr)
 
-    model = train(args.recordings, args.name or "", show)
+    model = train(args.recordings, args.name or "", args.workers, show)
     if sys.stderr.isatty():
         print(file=sys.stderr)
     path = args.output / model_file_name(model.card.chirp) if args.output.is_dir() else args.output

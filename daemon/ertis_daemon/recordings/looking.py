@@ -12,7 +12,7 @@ from ertis_driver.health import DIRECT_PATH_S, PingHealth, check_ping
 
 if TYPE_CHECKING:
     from ertis_daemon.recordings.scene_channel import ScenePicture
-    from ertis_detector.detector import Scanner
+    from ertis_detector.scanner import Scanner
     from ertis_driver.device import Settings
 
 
@@ -50,7 +50,8 @@ class Looker:
     ----------
     settings
         The sonar's.
-    speed_of_sound_m_s : float
+    temperature_c : float
+        Of the air.
     source
         Who makes the pings.
     pictures
@@ -67,7 +68,7 @@ class Looker:
     def __init__(
         self,
         settings: Settings,
-        speed_of_sound_m_s: float,
+        temperature_c: float,
         source: Source,
         *,
         pictures: bool = True,
@@ -79,16 +80,16 @@ class Looker:
         self._scanner: Scanner | None = None
         self._picture: ScenePicture | None = None
         if pictures:
-            self._prepare_pictures(settings, speed_of_sound_m_s, source)
+            self._prepare_pictures(settings, temperature_c, source)
 
-    def _prepare_pictures(self, settings: Settings, speed: float, source: Source) -> None:
+    def _prepare_pictures(self, settings: Settings, temperature_c: float, source: Source) -> None:
         from ertis_daemon.pipeline import build_scanner
         from ertis_daemon.recordings.scene_channel import ScenePicture
         from ertis_detector.errors import DetectorError
         from ertis_driver.errors import SettingsError
 
         try:
-            self._scanner = build_scanner(settings, speed)
+            self._scanner = build_scanner(settings, temperature_c)
         except (DetectorError, SettingsError) as error:
             self.why_no_pictures = str(error)
         self._picture = ScenePicture(source)

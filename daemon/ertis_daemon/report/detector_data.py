@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from ertis_daemon.pipeline import build_scanner
 from ertis_daemon.report.workers import Workers
-from ertis_detector.air import Air
 from ertis_detector.detector import LandmarkDetector
 from ertis_detector.evaluate import DEFAULT_RATE_HZ, Evaluation, evaluate
 from ertis_detector.matching import JudgedPing, TrueLandmark
@@ -106,7 +105,7 @@ class Judge:
             model_for(self.model, chirp.name, self._models),
             build_scanner(
                 Settings(chirp, info.num_words, pdm_rate_hz=info.pdm_rate_hz),
-                Air(temperature_c).speed_of_sound_m_s,
+                temperature_c,
             ),
             chirp=chirp.name,
             audio_filter=FILTER_VERSION,

@@ -71,6 +71,7 @@ class Preparer:
             temperature_c=NOMINAL_TEMPERATURE_C if temperature_c is None else temperature_c,
             chirp=info.chirp.samples(AUDIO_RATE_HZ),
             chirp_band_hz=info.chirp.band_hz,
+            chirp_name=info.chirp.name,
             mic_positions_m=mic_positions_m(),
             emitter_position_m=np.array(EMITTER_POSITION_M),
         )

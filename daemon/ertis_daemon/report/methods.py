@@ -12,6 +12,7 @@ from ertis_driver.errors import SettingsError
 METHODS: Mapping[str, tuple[str, str]] = {
     "paper": ("ertis_detector.paper", "PaperMethod"),
     "peaks": ("ertis_detector.peak_method", "PeakMethod"),
+    "ours": ("ertis_detector.known_range", "KnownRangeDetector"),
 }
 
 

@@ -1,0 +1,181 @@
+"""Recordings with truth, or labelled data sets, to a model that recognises what it was taught."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from ertis_daemon.cli import main
+from ertis_daemon.pipeline import build_detector
+from ertis_detector.detection import NONE
+from ertis_detector.model import load_model
+from ertis_driver.audio import PdmDecoder
+from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
+from ertis_driver.dataset import open_dataset
+from ertis_driver.device import Settings
+from ertis_driver.frame import PdmFrame
+from ertis_driver.recording import RecordingInfo, RecordingWriter
+from ertis_simulator.clutter import Clutter
+from ertis_simulator.landmark import Dish
+from ertis_simulator.room import Room
+from ertis_simulator.scene import DishObject, Pose, Scene
+
+NUM_WORDS = 163_840
+CHIRP = DEFAULT_CHIRP.samples(450e3)
+OPEN = Room((-np.inf, np.inf), (-np.inf, np.inf), floor_reflection=0.0)
+LABELS = ("r40", NONE, "r66", NONE)  # a user's own sizes
+NUM_PINGS = 64
+
+
+def place(number):
+    """Range and azimuth of ping ``number``'s landmark."""
+    rng = np.random.default_rng([7, number])
+    return float(rng.uniform(1.0, 3.0)), float(rng.uniform(-0.15, 0.15))
+
+
+def scene(number, label):
+    range_m, azimuth = place(number)
+    at = (range_m * np.cos(azimuth), range_m * np.sin(azimuth), 0.6)
+    dishes = ()
+    if label != NONE:
+        facing = (azimuth + np.pi + 0.01 * (number % 20), 0.0)
+        dishes = (DishObject(label, Dish.landmark(int(label[1:])), at, facing),)
+    rng = np.random.default_rng([8, number])
+    clutter = Clutter.scatter((3.2, 5.0), (-1.5, 1.5), 1.0, rng)
+    start = Pose((0.0, 0.0, 0.6), 0.0)
+    return Scene(OPEN, start, dishes, clutter, seed=number, name=f"scene {number}")
+
+
+@pytest.fixture(scope="module")
+def heard():
+    """Label, words and truth of each ping."""
+    pings = []
+    for number in range(NUM_PINGS):
+        label = LABELS[number % len(LABELS)]
+        there = scene(number, label)
+        pings.append((label, there.hear(0, NUM_WORDS, CHIRP), there.truth(0)))
+    return pings
+
+
+@pytest.fixture(scope="module")
+def recording(heard, tmp_path_factory):
+    path = tmp_path_factory.mktemp("training") / "taught.mcap"
+    with RecordingWriter(path, RecordingInfo("sim", DEFAULT_CHIRP, NUM_WORDS)) as writer:
+        for number, (_, words, truth) in enumerate(heard):
+            writer.write(PdmFrame(words, number, 0), truth)
+    return path
+
+
+@pytest.fixture(scope="module")
+def dataset(heard, tmp_path_factory):
+    """As a person with a sonar makes it: single pings without truth, and a table of labels."""
+    folder = tmp_path_factory.mktemp("data")
+    lines = [
+        "file_name,label,range_m,azimuth_deg,yaw_deg,environment,session,operator,sha256,quality"
+    ]
+    for number, (label, words, _) in enumerate(heard):
+        name = f"yard/s{number % 8}/{number:04d}_{label}.mcap"
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with RecordingWriter(path, RecordingInfo("live", DEFAULT_CHIRP, NUM_WORDS)) as writer:
+            writer.write(PdmFrame(words, number, 0))
+        range_m, azimuth = place(number)
+        yaw = f"{np.rad2deg(0.01 * (number % 20)):.1f}" if label != NONE else ""
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        where = f"{range_m:.3f},{np.rad2deg(azimuth):.1f}"
+        lines.append(f"{name},{label},{where},{yaw},yard,s{number % 8},me,{digest},good")
+    (folder / "metadata.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def train(source, path, capsys, *options):
+    assert main(["train", str(source), "-o", str(path), *options]) == 0
+    return json.loads(capsys.readouterr().out), load_model(path)
+
+
+def recognised(model_path):
+    """Right answers among 12 new pings, and false ones."""
+    detector = build_detector(Settings(), 20.0, str(model_path), min_probability=0.5)
+    right = false = 0
+    for number in range(100, 112):
+        label = LABELS[number % len(LABELS)]
+        words = scene(number, label).hear(0, NUM_WORDS, CHIRP)
+        found = [one.label for one in detector.detect(PdmDecoder().decode(words).audio)]
+        right += found == ([label] if label != NONE else [])
+        false += len(set(found) - {label})
+    return right, false
+
+
+def test_a_model_knows_the_sizes_it_was_taught(recording, tmp_path, capsys):
+    said, model = train(recording, tmp_path / "m.safetensors", capsys)
+    assert model.classes == ("none", "r40", "r66")
+    assert model.card.source == said["source"] == "sim"
+    assert said["landmark_proposals"] > 24
+    assert model.card.tracking["found"] >= model.card.figures["found"]
+    assert model.card.data.startswith("64 pings: recording sha256 ")
+    right, false = recognised(tmp_path / "m.safetensors")
+    assert right >= 9
+    assert false <= 1
+
+
+def test_a_labelled_data_set_without_truth_teaches_as_well(dataset, tmp_path, capsys):
+    said, model = train(dataset, tmp_path / "m.safetensors", capsys)
+    assert said["source"] == "live"
+    assert open_dataset(dataset).manifest_hash[:16] in model.card.data
+    assert recognised(tmp_path / "m.safetensors")[0] >= 9
+
+
+def test_neither_workers_nor_another_go_change_the_model(recording, tmp_path, capsys):
+    paths = [tmp_path / f"{n}.safetensors" for n in (1, 2)]
+    for workers, path in zip(("1", "2"), paths, strict=True):
+        train(recording, path, capsys, "--workers", workers)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def refusal(capsys, *args):
+    assert main(["train", *args]) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    return line
+
+
+def blind(path, chirp=DEFAULT_CHIRP):
+    with RecordingWriter(path, RecordingInfo("live", chirp, NUM_WORDS)) as writer:
+        writer.write(PdmFrame(np.zeros(NUM_WORDS, np.uint32), 0, 0))
+    return str(path)
+
+
+def test_training_needs_truth(tmp_path, capsys):
+    line = refusal(capsys, blind(tmp_path / "blind.mcap"), "-o", str(tmp_path / "m"))
+    assert "blind.mcap" in line
+    assert "no truth" in line
+
+
+def test_two_chirps_make_no_model(recording, tmp_path, capsys):
+    other = blind(tmp_path / "other.mcap", INCUMBENT_CHIRP)
+    line = refusal(capsys, str(recording), other, "-o", str(tmp_path / "m"))
+    assert DEFAULT_CHIRP.name in line
+    assert INCUMBENT_CHIRP.name in line
+
+
+def test_a_label_without_a_range_is_named(dataset, tmp_path, capsys):
+    import shutil
+
+    folder = tmp_path / "copy"
+    shutil.copytree(dataset, folder)
+    table = folder / "metadata.csv"
+    lines = table.read_text().splitlines()
+    first = lines[1].split(",")
+    lines[1] = ",".join([*first[:2], "", *first[3:]])
+    table.write_text("\n".join(lines) + "\n")
+    line = refusal(capsys, str(folder), "-o", str(tmp_path / "m"))
+    assert first[0] in line
+    assert "range_m" in line
+
+
+def test_too_few_landmarks_are_told_by_number(heard, tmp_path, capsys):
+    path = tmp_path / "few.mcap"
+    with RecordingWriter(path, RecordingInfo("sim", DEFAULT_CHIRP, NUM_WORDS)) as writer:
+        for number, (_, words, truth) in enumerate(heard[:24]):
+            writer.write(PdmFrame(words, number, 0), truth)
+    assert "expected 20 or more" in refusal(capsys, str(path), "-o", str(tmp_path / "m"))
