@@ -40,7 +40,7 @@ def fit(
     groups: Sequence[str],
     *,
     num_networks: int = NUM_NETWORKS,
-    num_folds: int = 4,
+    num_folds: int = 3,
     workers: int = 1,
 ) -> Fit:
     """Fit on all rows; make probabilities by what each fold of unseen groups says.

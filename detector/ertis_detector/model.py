@@ -18,7 +18,7 @@ from ertis_detector.detection import NONE, UNKNOWN, radius_m
 from ertis_detector.errors import ModelError, ModelMismatch
 from ertis_detector.features import FEATURE_VERSION, NUM_FEATURES
 from ertis_detector.networks import Committee
-from ertis_detector.readout import Readout
+from ertis_detector.readout import NUM_TERMS, Readout
 from ertis_detector.trees import Trees
 
 MODEL_FORMAT = "ertis-model/2"
@@ -246,7 +246,7 @@ def _shapes(arrays: dict[str, Any], count: int, sizes: int) -> dict[str, tuple[i
         "readout.mean": (NUM_FEATURES,),
         "readout.scale": (NUM_FEATURES,),
         "readout.weights": (NUM_FEATURES + 1 + sizes, 2),
-        "readout.variances": (3, 3),
+        "readout.variances": (3, NUM_TERMS),
         "coupling": (count, count),
         "offset": (count,),
     }

@@ -13,8 +13,9 @@ Float = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 MAX_PEAKS = 12
-# Below the strongest peak: the division's own side lobes lie 43 dB down.
-DYNAMIC_RANGE_DB = 38.0
+# Below the strongest peak: deeper ones are clutter more often than they are a vertex, and the
+# division's own side lobes lie 43 dB down.
+DYNAMIC_RANGE_DB = 26.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

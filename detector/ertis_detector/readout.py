@@ -23,7 +23,7 @@ SPHERE_RADIUS = 1.1333  # in aperture radii: (a^2 + d^2) / (2 d a), d = 0.6 a
 RING_OFFSET = (np.sqrt(2) - 1) * SPHERE_RADIUS
 _MAX_TILT_RAD = np.deg2rad(60.0)
 _RIDGE = 100.0
-_NUM_TERMS = 3
+NUM_TERMS = 4
 _FLOORS = np.array([1e-3, 1e-3, 2e-3]) ** 2  # m2, rad2, rad2: no echo is better than that
 
 
@@ -34,9 +34,9 @@ class Readout:
     mean, scale : float32, shape (num_features,)
     weights : float32, shape (num_features + 1 + num_sizes, 2)
         To the vertex's offset from where the ring puts it, m, and the tilt, rad.
-    variances : float32, shape (3, 3)
-        Rows range, azimuth, elevation; what multiplies 1, (R sin(tilt) / range)^2 and the inverse
-        of the signal-to-noise ratio.
+    variances : float32, shape (3, NUM_TERMS)
+        Rows range, azimuth, elevation; what multiplies 1, (R sin(tilt) / range)^2, (R / range)^2
+        for the tilt is not known exactly, and the inverse of the signal-to-noise ratio.
     sizes : tuple of str
     """
 
@@ -85,9 +85,10 @@ def design(
 
 
 def terms(labels: Sequence[str], tilt_rad: Float, range_m: Float, snr_db: Float) -> Float:
-    """What variances are made of, shape (n, 3)."""
-    aside = SPHERE_RADIUS * _radii_m(labels) * np.sin(tilt_rad) / range_m
-    return np.stack([np.ones_like(range_m), aside**2, 10 ** (-snr_db / 10)], axis=1)
+    """What variances are made of, shape (n, NUM_TERMS)."""
+    seen = SPHERE_RADIUS * _radii_m(labels) / range_m
+    aside = seen * np.sin(tilt_rad)
+    return np.stack([np.ones_like(seen), aside**2, seen**2, 10 ** (-snr_db / 10)], axis=1)
 
 
 def _radii_m(labels: Sequence[str]) -> Float:
@@ -120,7 +121,7 @@ def fit_readout(
     # Errors are of two kinds, small and gross: the fit is of the small ones.
     kept = np.abs(wanted[:, 0] - np.median(wanted[:, 0])) < 0.03
     weights = _ridge(rows[kept], wanted[kept])
-    told = Readout(sizes, mean, scale, weights, np.zeros((3, _NUM_TERMS), np.float32))
+    told = Readout(sizes, mean, scale, weights, np.zeros((3, NUM_TERMS), np.float32))
     vertex_m, tilt, _ = told(features, labels, range_m, snr_db)
     errors = np.stack([vertex_m, place[:, 1], place[:, 2]], axis=1) - truth[:, :3]
     basis = terms(labels, tilt, range_m, snr_db)
@@ -138,7 +139,7 @@ def _variance_law(basis: Float, squares: Float) -> Float:
     """Terms, none negative, whose sum is the mean square error everywhere: reweighted."""
     from scipy.optimize import nnls
 
-    law = np.array([squares.mean(), 0.0, 0.0])
+    law = np.array([squares.mean(), 0.0, 0.0, 0.0])
     for _ in range(8):
         weight = 1 / np.maximum(basis @ law, 1e-8)
         law, _ = nnls(basis * weight[:, None], squares * weight)
