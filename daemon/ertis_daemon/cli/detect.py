@@ -41,9 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Detect in every ping and print what was found."""
+    from ertis_daemon.event_of import report
     from ertis_daemon.events import dump_json
     from ertis_daemon.pipeline import build_pipeline, build_scanner
-    from ertis_daemon.service import report
     from ertis_driver.device import Settings
     from ertis_driver.recording import open_recording
 

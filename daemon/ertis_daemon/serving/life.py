@@ -107,6 +107,7 @@ class SonarLife(threading.Thread):
         self._next: tuple[SonarConfig, Turns | None] | None = None
         self._run_stop = threading.Event()
         self._pause_s = FIRST_PAUSE_S
+        self._checked: SonarConfig | None = None
 
     def run(self) -> None:
         """Serve until stopped."""
@@ -168,7 +169,9 @@ class SonarLife(threading.Thread):
 
     def _serve(self, stop: threading.Event) -> None:
         config = self.config
-        check_models((config,))  # a wrong one is said at once, not when the device is there
+        if self._checked is not config:
+            check_models((config,))  # a wrong one is said at once, not when the device is there
+            self._checked = config
         if self.status.state not in ("waiting", "failed"):
             self.status.state = "starting"
         with ExitStack() as stack:
