@@ -43,6 +43,7 @@ class TrackLike(Protocol):
 class Heard:
     """What one ping told.
 
+    detections : of this ping alone, most probable first
     odometry_garbled : int
         Poses that could not be read since the ping before.
     without_odometry : bool
@@ -53,6 +54,7 @@ class Heard:
     half_words_repaired: int = 0
     odometry_garbled: int = 0
     without_odometry: bool = False
+    detections: Sequence[Detection] = ()
 
 
 class Pipeline(Protocol):
@@ -106,12 +108,15 @@ class DetectorPipeline:
             self._audio = np.empty((NUM_MICS, num_samples + 16), np.float32)[:, :num_samples]
         decoded = self._decoder.decode(words, self._audio)
         detections = self._detector.detect(decoded.audio)
-        if self._odometry is None:
-            tracks = self._tracker.update(detections, frame.ping_time_ns)
-            return Heard(tracks, decoded.half_words_repaired)
-        told = self._odometry.at_ping(frame.ping_time_ns)
-        tracks = self._tracker.update(detections, frame.ping_time_ns, told.motion)
-        return Heard(tracks, decoded.half_words_repaired, told.garbled, not told.is_known)
+        told = self._odometry.at_ping(frame.ping_time_ns) if self._odometry else None
+        tracks = self._tracker.update(detections, frame.ping_time_ns, told.motion if told else None)
+        return Heard(
+            tracks,
+            decoded.half_words_repaired,
+            odometry_garbled=told.garbled if told else 0,
+            without_odometry=told is not None and not told.is_known,
+            detections=detections,
+        )
 
 
 def build_pipeline(
