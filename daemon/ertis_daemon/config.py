@@ -25,6 +25,10 @@ def check_chunk(value: str) -> str | None:
     return None
 
 
+def _check_key(value: str) -> str | None:
+    return next(filter(None, map(check_chunk, value.split("/"))), None) if value else None
+
+
 def _check_filled(value: str) -> str | None:
     return None if value.strip() else "empty, expected text"
 
@@ -121,6 +125,45 @@ class RecordConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class TrackerConfig:
+    """When a landmark is announced, and how long it is remembered."""
+
+    max_false_events_per_hour: float = option(
+        1.0,
+        "announcements of what is no landmark or has another size; less asks for more pings",
+        low=1e-3,
+        high=1e6,
+    )
+    landmarks_per_hour: float = option(
+        60.0, "landmarks that the robot meets; of so many the wrong sizes count", low=1.0, high=1e6
+    )
+    max_speed_m_s: float = option(
+        1.0, "of the sonar, m/s, for pings without odometry", low=0, high=50
+    )
+    max_turn_deg_s: float = option(60.0, "of the sonar, degrees/s, likewise", low=0, high=3600)
+    max_silence_s: float = option(
+        1.5, "a landmark in view and not heard is lost no sooner", low=0, high=3600
+    )
+    max_unheard_s: float = option(
+        10.0, "a landmark not heard for so long is lost, in view or not", low=0.1, high=3600
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryConfig:
+    """Where the robot says that it is, if it does; ``pose`` says where the sonar is on it."""
+
+    key: str = option(
+        "",
+        "Zenoh key of the robot's poses, for example robot/odometry; empty: none",
+        check=_check_key,
+    )
+    max_age_s: float = option(
+        0.5, "poses farther apart, or older than a ping by more, are not used", low=0.01, high=10
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class ZenohConfig:
     """How to reach the network."""
 
@@ -156,6 +199,8 @@ class SonarConfig:
     pose: PoseConfig = section(PoseConfig, "where it sits on the robot")
     chirp: ChirpConfig = section(ChirpConfig, "the emitted sweep")
     detector: DetectorConfig = section(DetectorConfig, "what recognises landmarks")
+    tracker: TrackerConfig = section(TrackerConfig, "when a landmark is announced")
+    odometry: OdometryConfig = section(OdometryConfig, "where the robot says that it is")
     record: RecordConfig = section(RecordConfig, "pings kept for when something happens")
     num_words: int = option(
         DEFAULT_NUM_WORDS, "PDM words to listen for, a multiple of 32768; 163840 reach 6.2 m", low=1

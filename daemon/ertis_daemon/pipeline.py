@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -17,6 +18,7 @@ from ertis_driver.errors import SettingsError
 from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PDM_RATE_HZ, PdmFrame
 
 if TYPE_CHECKING:
+    from ertis_daemon.odometry import Odometry
     from ertis_detector.detector import LandmarkDetector, Scanner
     from ertis_detector.tracker import Tracker
 
@@ -34,15 +36,25 @@ class TrackLike(Protocol):
 
     @property
     def detection(self) -> Detection:
-        """The last of it that was heard."""
+        """What all its pings tell."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What one ping told."""
+    """What one ping told.
+
+    detections : of this ping alone, most probable first
+    odometry_garbled : int
+        Poses that could not be read since the ping before.
+    without_odometry : bool
+        Odometry was asked for, and did not tell where this ping was.
+    """
 
     tracks: Sequence[TrackLike]
     half_words_repaired: int = 0
+    odometry_garbled: int = 0
+    without_odometry: bool = False
+    detections: Sequence[Detection] = ()
     decoded: DecodedAudio | None = None  # until the next ping: its memory is used again
 
 
@@ -78,7 +90,9 @@ class DetectorPipeline:
         *,
         model_name: str,
         classes: Sequence[str],
+        odometry: Odometry | None = None,
     ) -> None:
+        self._odometry = odometry
         self._decoder = decoder
         self._detector = detector
         self._tracker = tracker
@@ -96,21 +110,34 @@ class DetectorPipeline:
             self._audio = np.empty((NUM_MICS, num_samples + 16), np.float32)[:, :num_samples]
         decoded = self._decoder.decode(words, self._audio)
         detections = self._detector.detect(decoded.audio)
+        told = self._odometry.at_ping(frame.ping_time_ns) if self._odometry else None
         # For the tracker time goes on as it did, whatever the host's clock is set to.
         self._steps_ns += frame.clock_step_ns
-        tracks = self._tracker.update(detections, frame.ping_time_ns - self._steps_ns)
-        return Heard(tracks, decoded.half_words_repaired, decoded)
+        time_ns = frame.ping_time_ns - self._steps_ns
+        tracks = self._tracker.update(detections, time_ns, told.motion if told else None)
+        return Heard(
+            tracks,
+            decoded.half_words_repaired,
+            odometry_garbled=told.garbled if told else 0,
+            without_odometry=told is not None and not told.is_known,
+            detections=detections,
+            decoded=decoded,
+        )
 
 
-def build_pipeline(config: SonarConfig, settings: Settings) -> DetectorPipeline:
+def build_pipeline(
+    config: SonarConfig, settings: Settings, odometry: Odometry | None = None
+) -> DetectorPipeline:
     """Build the pipeline that fits a configuration.
 
     Parameters
     ----------
     config
-        For the model, the least probability and the air.
+        For the model, the least probability, the tracker and the air.
     settings
         What the sonar is set to; for a recording that is what it was recorded with.
+    odometry
+        What tells how the sonar moved.
 
     Raises
     ------
@@ -119,7 +146,6 @@ def build_pipeline(config: SonarConfig, settings: Settings) -> DetectorPipeline:
     """
     from ertis_detector.detector import LandmarkDetector
     from ertis_detector.model import load_model, shipped_model
-    from ertis_detector.tracker import Tracker
     from ertis_driver.audio_filter import FILTER_VERSION
 
     chirp = settings.chirp
@@ -133,8 +159,38 @@ def build_pipeline(config: SonarConfig, settings: Settings) -> DetectorPipeline:
         min_probability=config.detector.min_probability or None,
     )
     return DetectorPipeline(
-        PdmDecoder(), detector, Tracker(), model_name=model.name, classes=tuple(model.classes)
+        PdmDecoder(),
+        detector,
+        build_tracker(config, settings, model.card.figures),
+        model_name=model.name,
+        classes=tuple(model.classes),
+        odometry=odometry,
     )
+
+
+def build_tracker(config: SonarConfig, settings: Settings, figures: Mapping[str, float]) -> Tracker:
+    """Build the tracker for a configuration and the figures on a model's card."""
+    from ertis_detector import detector
+    from ertis_detector.rates import DetectorRates
+    from ertis_detector.tracker import Tracker, TrackerSettings
+    from ertis_detector.visibility import FieldOfView
+
+    own = config.tracker
+    asked = TrackerSettings(
+        max_false_events_per_hour=own.max_false_events_per_hour,
+        landmarks_per_hour=own.landmarks_per_hour,
+        ping_rate_hz=config.ping_rate_hz or 1.0 / settings.listening_s,
+        max_speed_m_s=own.max_speed_m_s,
+        max_turn_rad_s=math.radians(own.max_turn_deg_s),
+        max_silence_s=own.max_silence_s,
+        max_unheard_s=own.max_unheard_s,
+    )
+    field = FieldOfView(
+        max_range_m=detector.MAX_RANGE_M,
+        max_azimuth_rad=float(detector.MAX_AZIMUTH_RAD),
+        max_elevation_rad=float(detector.MAX_ELEVATION_RAD),
+    )
+    return Tracker(DetectorRates.from_figures(figures), asked, field)
 
 
 def build_scanner(settings: Settings, speed_of_sound_m_s: float) -> Scanner:

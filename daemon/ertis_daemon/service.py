@@ -173,6 +173,8 @@ class Service:
             return
         self._failures = 0
         self.status.half_words_repaired += heard.half_words_repaired
+        self.status.odometry_garbled += heard.odometry_garbled
+        self.status.pings_without_odometry += heard.without_odometry
         if event is not None:
             self.status.events += 1
             self.status.latencies_ms.append(1000.0 * (time.monotonic() - ping.arrived_s))

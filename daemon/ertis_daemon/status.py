@@ -34,6 +34,8 @@ class Status:
     queue_drops: int = 0
     half_words_repaired: int = 0
     pings_failed: int = 0
+    pings_without_odometry: int = 0
+    odometry_garbled: int = 0
     events: int = 0
     clock_steps: int = 0
     starts: int = 0

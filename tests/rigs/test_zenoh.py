@@ -18,8 +18,9 @@ import pytest
 import zenoh
 from zenoh import ext
 
-from ertis_daemon.config import Config, DeviceConfig, ZenohConfig
+from ertis_daemon.config import Config, DeviceConfig, OdometryConfig, ZenohConfig
 from ertis_daemon.events import LandmarkEvent, LandmarkReport
+from ertis_daemon.odometry import Odometry
 from ertis_daemon.pipeline import Heard
 from ertis_daemon.publisher import ZenohPublisher
 from ertis_daemon.service import Service
@@ -66,14 +67,16 @@ def locator():
 
 
 @pytest.fixture
-def publisher(locator):
-    config = ZenohConfig(connect=(), listen=(locator,))
+def network(locator):
+    with Network(ZenohConfig(connect=(), listen=(locator,))) as network:
+        yield network
+
+
+@pytest.fixture
+def publisher(network):
     info = {"version": "1", "model": "m"}
     effective = Config().to_json()
-    with (
-        Network(config) as network,
-        ZenohPublisher(network.session, "t", info=info, effective_config=effective) as publisher,
-    ):
+    with ZenohPublisher(network.session, "t", info=info, effective_config=effective) as publisher:
         yield publisher
 
 
@@ -207,6 +210,27 @@ def test_the_service_publishes_what_a_serial_sonar_hears(publisher, reader, emul
     assert [e["source"] for e in events] == ["sim"] * 5
     first = events[0]["ping_index"]
     assert [e["ping_index"] for e in events] == list(range(first, first + 5))
+
+
+def test_odometry_comes_over_zenoh_and_the_last_poses_wait(network, publisher, reader):
+    odometry = Odometry(OdometryConfig(key="robot/odometry"))
+    odometry.listen(network.subscribe("robot/odometry", 8))
+    poses = reader.declare_publisher("robot/odometry")
+    wait_for(lambda: poses.matching_status.matching)
+    poses.put(b"nonsense")
+    for n in range(20):  # more than wait: the oldest are dropped, the nonsense among them
+        pose = {"time_ns": n * 10**8, "x_m": 0.1 * n, "y_m": 0.0, "yaw_rad": 0.0}
+        poses.put(json.dumps(pose))
+    wait_for(lambda: odometry.at_ping(19 * 10**8).is_known)
+    assert odometry.at_ping(15 * 10**8).is_known
+    assert odometry.at_ping(19 * 10**8).motion.step.x_m == pytest.approx(0.4)
+    assert not odometry.at_ping(5 * 10**8).is_known
+
+
+def test_a_key_that_is_none_is_one_line(network):
+    with pytest.raises(PublisherError, match="//") as caught:
+        network.subscribe("a//b", 8)
+    assert "\n" not in str(caught.value)
 
 
 def test_the_emulate_command_names_its_port_first_and_answers_there(tmp_path):

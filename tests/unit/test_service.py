@@ -79,7 +79,7 @@ class OneTrack:
         self.seen.append(frame.ping_index)
         if frame.ping_index in self.fail:
             raise ValueError("bad ping")
-        return Heard([] if frame.ping_index in self.silent else [ListedTrack()], 2)
+        return Heard([] if frame.ping_index in self.silent else [ListedTrack()], 2, 1, True)
 
 
 class ListPublisher:
@@ -115,6 +115,7 @@ def test_each_ping_with_a_landmark_is_one_event_in_order():
     assert event.landmarks[0].radius_m == 0.048
     assert (status.pings_heard, status.events, status.queue_drops) == (20, 19, 0)
     assert status.half_words_repaired == 40
+    assert (status.odometry_garbled, status.pings_without_odometry) == (20, 20)
     assert len(status.latencies_ms) == 19
     assert sonar.closed == 1
     assert publisher.statuses[-1]["pings_heard"] == 20

@@ -1,4 +1,4 @@
-"""``ertis detect``: the daemon's own path on a recording."""
+"""``ertis detect``: the daemon's own path on a recording, each ping for itself and as tracks."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ertis_daemon.config import Config
+    from ertis_detector.detection import Detection
     from ertis_detector.detector import Scanner
     from ertis_driver.chirp import Emission
     from ertis_driver.recording import RecordedPing, Recording
@@ -55,13 +56,14 @@ def run(args: argparse.Namespace) -> int:
     scanner = build_scanner(settings, config.speed_of_sound_m_s)
     source = "sim" if recording.info.source == "sim" else "replay"
     for number, ping in enumerate(recording):
-        tracks = pipeline.process(ping.frame).tracks
+        heard = pipeline.process(ping.frame)
         line: dict[str, Any] = {
             "ping_index": ping.frame.ping_index,
             "source": source,
             "model": pipeline.model_name,
             "chirp": chirp.name,
-            "landmarks": [json.loads(dump_json(report(track))) for track in tracks],
+            "landmarks": [_plain(one) for one in heard.detections],
+            "tracks": [json.loads(dump_json(report(track))) for track in heard.tracks],
         }
         picture = args.plot if number == 0 else None
         if args.reflectors or picture:
@@ -69,6 +71,18 @@ def run(args: argparse.Namespace) -> int:
             line["reflectors"] = _look(ping, scanner, args.reflectors, line, picture, title)
         print(json.dumps(line) if args.json else _text(line))
     return 0
+
+
+def _plain(one: Detection) -> dict[str, Any]:
+    """What one ping tells of one landmark, as events name it."""
+    import dataclasses
+
+    from ertis_daemon.events import dump_json
+
+    fields = dataclasses.asdict(one)
+    told = {"class": fields.pop("label"), **fields, "radius_m": one.radius_m}
+    plain: dict[str, Any] = json.loads(dump_json(told))
+    return plain
 
 
 def _look(
@@ -162,6 +176,9 @@ def _text(line: dict[str, Any]) -> str:
         for one in line["landmarks"]
     ]
     text = f"ping {line['ping_index']} [{line['source']}]: {'; '.join(found) or 'no landmark'}"
+    for one in line["tracks"]:
+        if one["state"] != "update":
+            text += f"\n  track {one['track_id']} {one['state']}: {one['class']}"
     for spot in line.get("reflectors", []):
         text += (
             f"\n  reflector {spot['range_m']:.3f} m, {math.degrees(spot['azimuth_rad']):+.1f} deg, "

@@ -132,6 +132,7 @@ class Daemon:
             )
 
     def _begin(self, sonar: SonarConfig) -> None:
+        assert self._network is not None
         name = sonar.device.name
         self._lives[name] = life = SonarLife(
             sonar,
@@ -140,6 +141,7 @@ class Daemon:
             can_command=self._config.zenoh.commands,
             beat=self._notifier.beat,
             around=self._around,
+            subscribe=self._network.subscribe,
         )
         life.start()
 

@@ -12,6 +12,7 @@ from typing import Any
 from ertis_daemon.acquisition import Pace, PingRequests
 from ertis_daemon.config import SonarConfig
 from ertis_daemon.config_read import HARDWARE
+from ertis_daemon.odometry import POSES_WAITING, Odometry
 from ertis_daemon.pipeline import Pipeline, build_pipeline
 from ertis_daemon.recording.recorder import Recorder
 from ertis_daemon.service import Service, ServiceError
@@ -69,6 +70,8 @@ class SonarLife(threading.Thread):
         Feeds the watchdog.
     around
         Added to each status message.
+    subscribe
+        Hears a key of others through a channel of some size, for odometry.
 
     Attributes
     ----------
@@ -89,6 +92,7 @@ class SonarLife(threading.Thread):
         can_command: bool = False,
         beat: Callable[[], None] = _nothing,
         around: Callable[[], Mapping[str, Any]] = dict,
+        subscribe: Callable[[str, int], Any] | None = None,
     ) -> None:
         super().__init__(name=f"sonar {config.device.name}", daemon=True)
         self.config = config
@@ -100,6 +104,7 @@ class SonarLife(threading.Thread):
         self._can_command = can_command
         self._turns = turns
         self._beat = beat
+        self._subscribe = subscribe
         self._publisher = publisher
         self._reporter = Reporter(self.status, publisher, around)
         self._ended = threading.Event()
@@ -179,7 +184,7 @@ class SonarLife(threading.Thread):
             sonar.configure(config.settings())
             self._beat()
             settings = sonar.settings or config.settings()  # a recording keeps its own
-            pipeline = build_pipeline(config, settings)
+            pipeline = build_pipeline(config, settings, self._odometry(config, stack))
             self._opened(sonar, settings, pipeline)
             pace = Pace(
                 config.ping_on,
@@ -200,6 +205,15 @@ class SonarLife(threading.Thread):
                 beat=self._beat,
                 reporter=self._reporter,
             ).run()
+
+    def _odometry(self, config: SonarConfig, stack: ExitStack) -> Odometry | None:
+        if not config.odometry.key or self._subscribe is None:
+            return None
+        odometry = Odometry(config.odometry, config.pose)
+        subscriber = self._subscribe(config.odometry.key, POSES_WAITING)
+        stack.callback(subscriber.undeclare)
+        odometry.listen(subscriber)
+        return odometry
 
     def _opened(self, sonar: Sonar, settings: Settings, pipeline: Pipeline) -> None:
         config, info = self.config, sonar.info

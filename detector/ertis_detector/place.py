@@ -1,0 +1,167 @@
+"""Where a landmark is: a Kalman filter on a fixed point, seen from a sensor that moves.
+
+An echo heard twice from the same spot is wrong by the same amount twice: what the detector's
+covariance speaks of is mostly not noise but the pattern of the rings, the clutter around, the
+array's own error. So the error of a detection has three parts, each with its share of the stated
+covariance: one that stays with the landmark, one that changes as the sensor moves, one that is new
+at every ping. Only the last two average out, and the second only by moving.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ertis_detector.detection import Detection
+from ertis_detector.motion import Float, Motion, wrap
+from ertis_detector.views import PLACE_LENGTHS, likeness
+
+STAYING_SHARE, NOISE_SHARE = 0.25, 0.10  # of a detection's variance; assumed
+_MOVING_SHARE = 1.0 - STAYING_SHARE - NOISE_SHARE
+# Below it a covariance is not believed: a tenth of the spacing of samples, of a beam's step.
+_LEAST_SIGMA = np.array([1e-3, 2e-3, 4e-3])
+_LEAST_ACROSS_M = 1e-3
+GATE = 16.27  # 99.9 % of a landmark's own detections (chi-squared, 3 degrees of freedom)
+
+
+class Measured:
+    """A detection as the filter sees it: its place, the covariance, and that one's root."""
+
+    def __init__(self, detection: Detection) -> None:
+        covariance = np.array(detection.covariance, float)
+        self.seen = np.array([detection.range_m, detection.azimuth_rad, detection.elevation_rad])
+        self.noise = (covariance + covariance.T) / 2 + np.diag(_LEAST_SIGMA**2)
+        self.root = np.linalg.cholesky(self.noise)
+
+
+class Place:
+    """Where one landmark is seen from the sensor, with the error that is not noise.
+
+    The state is what a detection tells, range, azimuth and elevation, and, in units of its sigma,
+    the part of the detections' error that changes slowly. In these coordinates a sensor that stands
+    still learns nothing of that error. In Cartesian ones it would seem to, by linearising the same
+    thing at a slightly other point at each ping.
+
+    Attributes
+    ----------
+    seen : float64, shape (3,)
+        Range, azimuth and elevation, m and rad.
+    """
+
+    def __init__(self, first: Measured) -> None:
+        self._noise = first.noise
+        self.seen = first.seen.copy()
+        self._slow = np.zeros(3)
+        self._covariance = np.eye(6)
+        self._covariance[:3, :3] = (1.0 - STAYING_SHARE) * first.noise
+        self._covariance[:3, 3:] = -math.sqrt(_MOVING_SHARE) * first.root
+        self._covariance[3:, :3] = self._covariance[:3, 3:].T
+
+    def seen_covariance(self) -> Float:
+        """Of range, azimuth and elevation, whatever the reason for the error."""
+        return np.asarray(self._covariance[:3, :3] + STAYING_SHARE * self._noise)
+
+    def move(self, motion: Motion, *, is_known: bool) -> float:
+        """Let the sensor move.
+
+        Parameters
+        ----------
+        motion : Motion
+        is_known : bool
+            Whether odometry tells it. If not, the slow part of the error is taken to stay as it is.
+
+        Returns
+        -------
+        float
+            By how much the line of sight turned, seen from outside, rad; + left.
+        """
+        step, before, point = motion.step, self.seen, _cartesian(self.seen)
+        c, s = math.cos(step.yaw_rad), math.sin(step.yaw_rad)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        moved = turn @ (point - (step.x_m, step.y_m, 0.0))
+        self.seen = _spherical(moved)
+        change = self.seen - before
+        side_rad = wrap(float(change[1]) + step.yaw_rad) if is_known else 0.0
+        alike = 1.0
+        if is_known and motion.is_more_than_noise():  # or standing still would add up to a walk
+            view = np.array([side_rad, change[0], change[1]])
+            alike = float(likeness(view, np.zeros(3), PLACE_LENGTHS))
+        slopes = _slopes(moved)
+        whole = np.diag([1.0, 1.0, 1.0, alike, alike, alike])
+        whole[:3, :3] = slopes @ turn @ np.linalg.inv(_slopes(point))
+        by_motion = slopes @ np.array([[-c, -s, moved[1]], [s, -c, -moved[0]], [0.0, 0.0, 0.0]])
+        self._slow = alike * self._slow
+        self._covariance = whole @ self._covariance @ whole.T
+        self._covariance[:3, :3] += by_motion @ motion.covariance @ by_motion.T
+        self._covariance[3:, 3:] += (1.0 - alike**2) * np.eye(3)
+        return side_rad
+
+    def is_near(self, measured: Measured) -> bool:
+        """Whether a look at the range alone leaves a detection possible; quickly told."""
+        variance = self._covariance[0, 0] + measured.noise[0, 0]
+        return bool((measured.seen[0] - self.seen[0]) ** 2 <= GATE * variance)
+
+    def surprise(self, measured: Measured) -> tuple[float, float]:
+        """Squared Mahalanobis distance of a detection, and its log density, 1/(m rad2)."""
+        gap, spread, _ = self._expect(measured)
+        root = np.linalg.cholesky(spread + STAYING_SHARE * measured.noise)
+        scaled = np.linalg.solve(root, gap)
+        squared = float(scaled @ scaled)
+        log_det = 2.0 * float(np.log(root.diagonal()).sum())
+        return squared, -0.5 * (squared + log_det + 3 * math.log(math.tau))
+
+    def update(self, measured: Measured) -> None:
+        """Take a detection of this landmark in."""
+        gap, spread, told = self._expect(measured)
+        gain = np.linalg.solve(spread, told @ self._covariance).T
+        change = gain @ gap
+        self.seen = self.seen + change[:3]
+        self.seen[1] = wrap(float(self.seen[1]))
+        self._slow = self._slow + change[3:]
+        left = np.eye(6) - gain @ told
+        # Joseph's form: stays positive definite after a million pings.
+        own = gain @ (NOISE_SHARE * measured.noise) @ gain.T
+        joined = left @ self._covariance @ left.T + own
+        self._covariance = (joined + joined.T) / 2
+        self._noise = measured.noise
+
+    def _expect(self, measured: Measured) -> tuple[Float, Float, Float]:
+        """Innovation, its covariance but for the part that stays, and what of the state it tells.
+
+        The last of shape (3, 6).
+        """
+        slow = math.sqrt(_MOVING_SHARE) * measured.root
+        gap = measured.seen - self.seen - slow @ self._slow
+        gap[1] = wrap(float(gap[1]))
+        told = np.concatenate([np.eye(3), slow], axis=1)
+        spread = told @ self._covariance @ told.T + NOISE_SHARE * measured.noise
+        return gap, np.asarray(spread), told
+
+
+def _cartesian(seen: Float) -> Float:
+    r, azimuth, elevation = seen
+    across = r * math.cos(elevation)
+    return np.array(
+        [across * math.cos(azimuth), across * math.sin(azimuth), r * math.sin(elevation)]
+    )
+
+
+def _spherical(point: Float) -> Float:
+    x, y, z = point
+    across = math.hypot(x, y)
+    return np.array([math.hypot(across, z), math.atan2(y, x), math.atan2(z, across)])
+
+
+def _slopes(point: Float) -> Float:
+    """Derivatives of range, azimuth and elevation by x, y and z, shape (3, 3)."""
+    x, y, z = point
+    across = max(math.hypot(x, y), _LEAST_ACROSS_M)  # overhead, azimuth has no slope
+    r = math.hypot(across, z)
+    return np.array(
+        [
+            [x / r, y / r, z / r],
+            [-y / across**2, x / across**2, 0.0],
+            [-x * z / (r**2 * across), -y * z / (r**2 * across), across / r**2],
+        ]
+    )
