@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from ertis_daemon.ros2.config import Ros2Config
 from ertis_daemon.yaml_example import write_yaml
 from ertis_daemon.yaml_load import option, section
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp, ChirpKind
@@ -152,7 +151,7 @@ class TrackerConfig:
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
-    """Where the robot says that it is, if it does."""
+    """Where the robot says that it is, if it does; ``pose`` says where the sonar is on it."""
 
     key: str = option(
         "",
@@ -162,9 +161,6 @@ class OdometryConfig:
     max_age_s: float = option(
         0.5, "poses farther apart, or older than a ping by more, are not used", low=0.01, high=10
     )
-    x_m: float = option(0.0, "sonar on the robot: forward of the robot's origin, m")
-    y_m: float = option(0.0, "left of it, m")
-    yaw_deg: float = option(0.0, "turned left, degrees", low=-360, high=360)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +177,6 @@ class ZenohConfig:
     )
     listen: tuple[str, ...] = option(
         ("tcp/localhost:0",), "locators to listen on; port 0 is any free one", check=_check_locators
-    )
-    tls: str = option(
-        "", "folder of ca.pem, cert.pem and key.pem, for a router that asks for them; mode client"
     )
     raw: bool = option(False, "offer whole frames on ertis/NAME/raw, 18 MB/s to each subscriber")
     commands: bool = option(
@@ -206,9 +199,9 @@ class SonarConfig:
     pose: PoseConfig = section(PoseConfig, "where it sits on the robot")
     chirp: ChirpConfig = section(ChirpConfig, "the emitted sweep")
     detector: DetectorConfig = section(DetectorConfig, "what recognises landmarks")
-    record: RecordConfig = section(RecordConfig, "pings kept for when something happens")
     tracker: TrackerConfig = section(TrackerConfig, "when a landmark is announced")
     odometry: OdometryConfig = section(OdometryConfig, "where the robot says that it is")
+    record: RecordConfig = section(RecordConfig, "pings kept for when something happens")
     num_words: int = option(
         DEFAULT_NUM_WORDS, "PDM words to listen for, a multiple of 32768; 163840 reach 6.2 m", low=1
     )
@@ -258,7 +251,6 @@ class Config(SonarConfig):
     """All of it. What is said of the sonar holds for each of ``sonars``, unless it says else."""
 
     zenoh: ZenohConfig = section(ZenohConfig, "how to reach the network")
-    ros2: Ros2Config = section(Ros2Config, "messages for ROS 2; needs the extra 'ros2', no ROS")
     prometheus: PrometheusConfig = section(PrometheusConfig, "counters for Prometheus")
     sonars: Mapping[str, SonarConfig] = field(
         default_factory=dict,

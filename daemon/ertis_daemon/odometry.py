@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ertis_daemon.config import OdometryConfig
+from ertis_daemon.config import OdometryConfig, PoseConfig
 from ertis_detector.motion import Motion, PlanarPose, wrap
 
 log = logging.getLogger(__name__)
@@ -65,12 +65,15 @@ class Odometry:
     Parameters
     ----------
     config : OdometryConfig
-        For the greatest age and the sonar's place on the robot.
+        For the greatest age.
+    pose : PoseConfig or None
+        The sonar's place on the robot; None for the robot's origin.
     """
 
-    def __init__(self, config: OdometryConfig) -> None:
+    def __init__(self, config: OdometryConfig, pose: PoseConfig | None = None) -> None:
+        pose = pose or PoseConfig()
         self._max_age_ns = round(config.max_age_s * 1e9)
-        self._mount = PlanarPose(config.x_m, config.y_m, math.radians(config.yaw_deg))
+        self._mount = PlanarPose(pose.x_m, pose.y_m, math.radians(pose.yaw_deg))
         self._channel: PoseChannel | None = None
         self._poses: deque[tuple[int, PlanarPose]] = deque(maxlen=POSES_WAITING)
         self._garbled = 0

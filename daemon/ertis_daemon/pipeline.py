@@ -47,6 +47,7 @@ class TrackLike(Protocol):
 class Heard:
     """What one ping told.
 
+    detections : of this ping alone, most probable first
     odometry_garbled : int
         Poses that could not be read since the ping before.
     without_odometry : bool
@@ -55,9 +56,10 @@ class Heard:
 
     tracks: Sequence[TrackLike]
     half_words_repaired: int = 0
-    decoded: DecodedAudio | None = None  # until the next ping: its memory is used again
     odometry_garbled: int = 0
     without_odometry: bool = False
+    detections: Sequence[Detection] = ()
+    decoded: DecodedAudio | None = None  # until the next ping: its memory is used again
 
 
 class Pipeline(Protocol):
@@ -112,15 +114,19 @@ class DetectorPipeline:
             self._audio = np.empty((NUM_MICS, num_samples + 16), np.float32)[:, :num_samples]
         decoded = self._decoder.decode(words, self._audio)
         detections = self._detector.detect(decoded.audio)
+        told = self._odometry.at_ping(frame.ping_time_ns) if self._odometry else None
         # For the tracker time goes on as it did, whatever the host's clock is set to.
         self._steps_ns += frame.clock_step_ns
         time_ns = frame.ping_time_ns - self._steps_ns
-        repaired = decoded.half_words_repaired
-        if self._odometry is None:
-            return Heard(self._tracker.update(detections, time_ns), repaired, decoded)
-        told = self._odometry.at_ping(frame.ping_time_ns)
-        tracks = self._tracker.update(detections, time_ns, told.motion)
-        return Heard(tracks, repaired, decoded, told.garbled, not told.is_known)
+        tracks = self._tracker.update(detections, time_ns, told.motion if told else None)
+        return Heard(
+            tracks,
+            decoded.half_words_repaired,
+            odometry_garbled=told.garbled if told else 0,
+            without_odometry=told is not None and not told.is_known,
+            detections=detections,
+            decoded=decoded,
+        )
 
 
 def build_pipeline(

@@ -7,14 +7,13 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from typing import cast, get_args
 
 from ertis_daemon.acquisition import Acquisition, Pace
 from ertis_daemon.config import SonarConfig
-from ertis_daemon.events import SCHEMA, Covariance, LandmarkEvent, LandmarkReport, TrackState
+from ertis_daemon.event_of import event_of
 from ertis_daemon.frame_queue import FrameQueue, HeardPing
 from ertis_daemon.microphones import MicrophoneWatch
-from ertis_daemon.pipeline import Heard, Pipeline, TrackLike
+from ertis_daemon.pipeline import Heard, Pipeline
 from ertis_daemon.recording.folder import NoRoom
 from ertis_daemon.recording.recorder import Recorder
 from ertis_daemon.serving.outputs import Publisher
@@ -163,7 +162,10 @@ class Service:
         frame = ping.frame
         try:
             heard = self._pipeline.process(frame)
-            event = self._event(frame, heard)
+            event = None
+            if heard.tracks:
+                source, model = self._sonar.info.source, self._pipeline.model_name
+                event = event_of(frame, heard.tracks, self._config, source=source, model=model)
             if event is not None:
                 self._publisher.publish(event)
         except Exception as error:  # noqa: BLE001  # told, and counted, there
@@ -223,41 +225,3 @@ class Service:
                 f"{self._failures} pings in a row could not be processed, the last one "
                 f"(ping {index}) with {type(error).__name__}: {error}"
             ) from error
-
-    def _event(self, frame: PdmFrame, heard: Heard) -> LandmarkEvent | None:
-        if not heard.tracks:
-            return None
-        config = self._config
-        return LandmarkEvent(
-            schema=SCHEMA,
-            device=config.device.name,
-            ping_index=frame.ping_index,
-            ping_time_ns=frame.ping_time_ns,
-            time_uncertainty_ns=frame.time_uncertainty_ns,
-            frame_id=config.device.frame_id,
-            source=self._sonar.info.source,
-            model=self._pipeline.model_name,
-            landmarks=tuple(report(track) for track in heard.tracks),
-            speed_of_sound_m_s=config.speed_of_sound_m_s,
-            temperature_c=config.temperature_c,
-        )
-
-
-def report(track: TrackLike) -> LandmarkReport:
-    """A track as events report it."""
-    if track.state not in get_args(TrackState):
-        raise ValueError(f"track state {track.state!r}, expected new, update or lost")
-    heard = track.detection
-    return LandmarkReport(
-        track_id=track.track_id,
-        state=cast("TrackState", track.state),
-        label=heard.label,
-        probabilities=dict(heard.probabilities),
-        range_m=heard.range_m,
-        azimuth_rad=heard.azimuth_rad,
-        elevation_rad=heard.elevation_rad,
-        covariance=cast("Covariance", heard.covariance),
-        snr_db=heard.snr_db,
-        radius_m=heard.radius_m,
-        tilt_rad=heard.tilt_rad,
-    )

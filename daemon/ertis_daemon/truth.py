@@ -37,6 +37,8 @@ class Score:
         Reports with no landmark there, visible or hidden.
     range_rms_m, bearing_rms_rad : float
         Errors of the located; NaN if there are none.
+    announced, announced_right : int
+        New tracks, and those of them on a landmark, visible or hidden, of that size.
     """
 
     pings: int
@@ -46,6 +48,8 @@ class Score:
     false: int
     range_rms_m: float
     bearing_rms_rad: float
+    announced: int = 0
+    announced_right: int = 0
 
 
 def read_jsonl(path: Path) -> list[dict[str, Any]]:
@@ -109,7 +113,7 @@ def _compare(events: Iterable[Mapping[str, Any]], truth: Iterable[Mapping[str, A
     for event in events:
         reports = [r for r in event["landmarks"] if r["state"] != "lost" and _known_place(r)]
         heard.setdefault(event["ping_index"], []).extend(reports)
-    pings = present = right = false = 0
+    pings = present = right = false = announced = announced_right = 0
     range_errors_m: list[float] = []
     bearing_errors_rad: list[float] = []
     for line in truth:
@@ -119,6 +123,10 @@ def _compare(events: Iterable[Mapping[str, Any]], truth: Iterable[Mapping[str, A
         present += len(visible)
         pairs, left = _match(visible, heard.get(line["ping_index"], []))
         false += len(_match(hidden, left)[1])
+        new = [r for r in heard.get(line["ping_index"], []) if r["state"] == "new"]
+        announced += len(new)
+        on_landmarks = _match(line["landmarks"], new)[0]
+        announced_right += sum(r["class"] == place["label"] for place, r in on_landmarks)
         for place, report in pairs:
             right += report["class"] == place["label"]
             range_errors_m.append(report["range_m"] - place["range_m"])
@@ -131,6 +139,8 @@ def _compare(events: Iterable[Mapping[str, Any]], truth: Iterable[Mapping[str, A
         false=false,
         range_rms_m=_rms(range_errors_m),
         bearing_rms_rad=_rms(bearing_errors_rad),
+        announced=announced,
+        announced_right=announced_right,
     )
 
 
@@ -167,8 +177,9 @@ def summary(score: Score) -> str:
     if not score.present:
         return f"no landmark was present in {score.pings} simulated pings; {score.false} false"
     text = (
-        f"{score.right_class} of the {score.present} landmarks present in the simulated scene "
-        f"found with the right size, {score.located} located, {score.false} false"
+        f"{score.announced} announced, {score.announced_right} of them rightly; followed with the "
+        f"right size in {score.right_class} of the {score.present} times that a landmark was "
+        f"present in a ping of the simulated scene, {score.located} located, {score.false} false"
     )
     if not score.located:
         return text

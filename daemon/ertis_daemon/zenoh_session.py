@@ -114,6 +114,19 @@ class Network(Closing):
         """How many peers the session is connected to now."""
         return len(self.session.info.peers_zid())
 
+    def subscribe(self, key: str, waiting: int) -> zenoh.Subscriber[Any]:
+        """Hear what others publish; the newest samples wait in a channel, the oldest are dropped.
+
+        Raises
+        ------
+        PublisherError
+            If the key is none.
+        """
+        try:
+            return self.session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
+        except zenoh.ZError as error:
+            raise PublisherError(f"Zenoh: key {key!r}: {one_line(error)}") from error
+
     def close(self) -> None:
         """Leave the network. May be called twice."""
         if not self._closed:

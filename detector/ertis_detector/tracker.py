@@ -27,6 +27,7 @@ _SILENT = math.log(0.05)  # so improbable a silence ends a track
 # jump; so much of it is given back (tests/bench/tracker.py measures what is left).
 _SLACK = 2.0
 _GIVEN_UP = math.log(1e-3)  # so improbable a landmark is not followed further
+_WITHDRAWN = math.log(0.1)  # an announced one so improbable is lost
 
 State = Literal["new", "update", "lost"]
 
@@ -210,10 +211,14 @@ class Tracker:
 
     def _is_over(self, one: Followed, now_ns: int) -> bool:
         """Whether it is silent where it should be heard, or no landmark after all."""
+        silence_ns = now_ns - one.heard_ns
         patience_ns = round(self._settings.max_silence_s * 1e9)
-        is_silent = one.silence < _SILENT and now_ns - one.heard_ns > patience_ns
-        floor = _GIVEN_UP if one.track_id is None else 0.0
-        return is_silent or one.evidence.existence < floor
+        if one.silence < _SILENT and silence_ns > patience_ns:
+            return True
+        if one.track_id is None:
+            return one.evidence.existence < _GIVEN_UP
+        # Silence alone has its own patience, above.
+        return silence_ns == 0 and one.evidence.existence < _WITHDRAWN
 
     def _crowd_out(self) -> list[Followed]:
         """Keep the number of things bounded: the least probable ones go."""

@@ -34,6 +34,7 @@ def main() -> None:
     parser.add_argument("--pings", type=int, default=0, help="end after so many")
     parser.add_argument("--minutes", type=float, default=0.0, help="end after so long")
     parser.add_argument("--rate", type=float, default=0.0, help="pings a second; 0: all it can")
+    parser.add_argument("--num-words", type=int, default=163_840, help="of each frame")
     parser.add_argument("--recording", type=Path, help="what the sonar plays; else simulated")
     parser.add_argument("--out", type=Path, default=Path("out/soak.jsonl"))
     parser.add_argument("--plot", type=Path)
@@ -81,18 +82,19 @@ class Soak:
         path = self._folder / "ertis.yaml"
         path.write_text(
             f"device: {{name: {NAME}, address: 'serial:{port}'}}\nping_rate_hz: {self._args.rate}\n"
+            f"num_words: {self._args.num_words}\n"
             f"zenoh: {{connect: [], listen: ['{locator}']}}\n"
         )
         notify = self._folder / "notify"
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
-            systemd.bind(os.fspath(notify))
-            systemd.settimeout(READY_S)
-            start_s = time.monotonic()
-            environment = {**os.environ, "NOTIFY_SOCKET": os.fspath(notify)}
-            daemon = _start(stack, "run", "--config", str(path), env=environment)
-            while b"READY=1" not in systemd.recv(4096):
-                pass
-            self.ready_s = time.monotonic() - start_s
+        systemd = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+        systemd.bind(os.fspath(notify))
+        systemd.settimeout(READY_S)
+        start_s = time.monotonic()
+        environment = {**os.environ, "NOTIFY_SOCKET": os.fspath(notify)}
+        daemon = _start(stack, "run", "--config", str(path), env=environment)
+        while b"READY=1" not in systemd.recv(4096):
+            pass
+        self.ready_s = time.monotonic() - start_s
         return daemon
 
     def _read(self, session: zenoh.Session, daemon: subprocess.Popen, out) -> list[dict]:

@@ -365,18 +365,19 @@ def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_s
             frame = sonar.ping()
             for index in range(20):
                 writer.write(PdmFrame(frame.words, index, 10**9 + index * 40_000_000))
-    daemon = run(f"device: {{name: a, address: 'replay:{path}'}}\nping_rate_hz: 10\n")
+    daemon = run(f"device: {{name: a, address: 'replay:{path}'}}\nping_on: command\n")
     subscriber = daemon.session.declare_subscriber(
         "ertis/a/landmarks", zenoh.handlers.FifoChannel(100)
     )
     (schema,) = daemon.ask("ertis/a/schema")
+    daemon.ask("ertis/a/cmd/ping?count=21")  # the last one finds the end
     daemon.thread.join(DEADLINE_S)
     assert not daemon.thread.is_alive()
     assert daemon.error is None
     events = []
     while (sample := subscriber.try_recv()) is not None:
         events.append(json.loads(sample.payload.to_bytes()))
-    assert len(events) >= 5
+    assert len(events) == 20
     for event in events:
         jsonschema.validate(event, schema)
     assert {event["source"] for event in events} == {"sim"}

@@ -67,21 +67,21 @@ def locator():
 
 
 @pytest.fixture
-def session(locator):
+def network(locator):
     with Network(ZenohConfig(connect=(), listen=(locator,))) as network:
-        yield network.session
+        yield network
 
 
 @pytest.fixture
-def publisher(session):
+def publisher(network):
     info = {"version": "1", "model": "m"}
     effective = Config().to_json()
-    with ZenohPublisher(session, "t", info=info, effective_config=effective) as publisher:
+    with ZenohPublisher(network.session, "t", info=info, effective_config=effective) as publisher:
         yield publisher
 
 
 @pytest.fixture
-def reader(session, locator):
+def reader(publisher, locator):
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([locator]))
@@ -212,10 +212,9 @@ def test_the_service_publishes_what_a_serial_sonar_hears(publisher, reader, emul
     assert [e["ping_index"] for e in events] == list(range(first, first + 5))
 
 
-def test_odometry_comes_over_zenoh_and_the_last_poses_wait(session, reader):
+def test_odometry_comes_over_zenoh_and_the_last_poses_wait(network, publisher, reader):
     odometry = Odometry(OdometryConfig(key="robot/odometry"))
-    channel = zenoh.handlers.RingChannel(8)
-    odometry.listen(session.declare_subscriber("robot/odometry", channel))
+    odometry.listen(network.subscribe("robot/odometry", 8))
     poses = reader.declare_publisher("robot/odometry")
     wait_for(lambda: poses.matching_status.matching)
     poses.put(b"nonsense")
@@ -226,6 +225,12 @@ def test_odometry_comes_over_zenoh_and_the_last_poses_wait(session, reader):
     assert odometry.at_ping(15 * 10**8).is_known
     assert odometry.at_ping(19 * 10**8).motion.step.x_m == pytest.approx(0.4)
     assert not odometry.at_ping(5 * 10**8).is_known
+
+
+def test_a_key_that_is_none_is_one_line(network):
+    with pytest.raises(PublisherError, match="//") as caught:
+        network.subscribe("a//b", 8)
+    assert "\n" not in str(caught.value)
 
 
 def test_the_emulate_command_names_its_port_first_and_answers_there(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ertis_daemon.config import OdometryConfig
+from ertis_daemon.config import OdometryConfig, PoseConfig
 from ertis_daemon.odometry import MAX_PAYLOAD_BYTES, POSES_WAITING, Odometry
 
 MS = 1_000_000
@@ -19,8 +19,8 @@ def pose(time_ms, x_m=0.0, y_m=0.0, yaw_rad=0.0):
     ).encode()
 
 
-def told(*samples, **config):
-    odometry = Odometry(OdometryConfig(key="robot/odometry", **config))
+def told(*samples, on_robot=None, **config):
+    odometry = Odometry(OdometryConfig(key="robot/odometry", **config), on_robot)
     for sample in samples:
         odometry.add(sample)
     return odometry
@@ -44,7 +44,7 @@ def test_a_heading_goes_the_short_way_round():
 
 
 def test_a_sonar_beside_the_robots_middle_swings_when_the_robot_turns():
-    odometry = told(pose(0), pose(100, yaw_rad=0.1), x_m=0.5, yaw_deg=90.0)
+    odometry = told(pose(0), pose(100, yaw_rad=0.1), on_robot=PoseConfig(x_m=0.5, yaw_deg=90.0))
     odometry.at_ping(0)
     step = odometry.at_ping(100 * MS).motion.step
     # The sonar looks left: the swing to the left is forward for it.

@@ -178,6 +178,14 @@ def test_a_short_silence_is_forgiven():
     assert states(walk.hear((2.5, 0.4))) == [(1, "update")]
 
 
+def test_what_turns_out_to_be_none_is_withdrawn():
+    walk = Walk(Tracker(GOOD), PlanarPose(0.05, 0.08, 0.0))
+    announced(walk, (3.5, 0.4))
+    told = [track for _ in range(12) for track in walk.hear((3.5, 0.4), label="unknown", p=0.999)]
+    assert states(told)[-1] == (1, "lost")
+    assert told[-1].detection.label == "r48"
+
+
 def test_what_left_the_field_of_view_is_kept_until_it_returns_or_is_forgotten():
     walk = Walk(Tracker(GOOD), PlanarPose(0.0, 0.06, 0.0))
     announced(walk, (2.5, 0.4), pings=12)

@@ -63,6 +63,15 @@ def test_a_hidden_landmark_is_neither_missed_nor_false():
     assert (result.present, result.located, result.false) == (0, 0, 0)
 
 
+def test_a_new_track_is_announced_rightly_on_a_landmark_of_its_size_hidden_or_not():
+    new = [report(state="new"), report("r70", range_m=2.0, state="new"), report(azimuth_deg=9.0)]
+    hidden = place("r70", range_m=2.0, visible=False)
+    result = score(new, [place(), hidden])
+    assert (result.announced, result.announced_right) == (2, 2)
+    result = score([report("r35", state="new")], [place()])
+    assert (result.announced, result.announced_right) == (1, 0)
+
+
 def test_a_lost_track_claims_nothing():
     result = score([report(state="lost")], [])
     assert (result.located, result.false) == (0, 0)
@@ -100,6 +109,7 @@ def test_a_line_without_its_fields_is_a_truth_error():
 
 def test_the_summary_says_that_it_is_simulated():
     text = summary(score([report(range_m=1.1)], [place()]))
-    assert text.startswith("1 of the 1 landmarks present in the simulated scene found with the")
+    assert text.startswith("0 announced, 0 of them rightly; followed with the right size in 1 of")
+    assert "(all simulated)" in text
     assert "100.0 mm in range" in text
     assert "no landmark was present in 1 simulated pings" in summary(score([], []))

@@ -19,6 +19,8 @@ START_S = 120.0  # the simulator is compiled on its first run, which a small boa
 SETTLE_S = 1.0  # the last event: recovered after 0.5 s, should it be lost
 POLL_S = 0.1
 PING_RATE_HZ = 5.0  # leaves the simulator and two cores time for the rest
+# A demo of seconds shows what is likely; a robot waits until it is sure.
+FALSE_EVENTS_PER_HOUR = 3600.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,10 +102,17 @@ class Demo:
     def _start_daemon(self, port: str, locator: str) -> None:
         import dataclasses
 
-        from ertis_daemon.config import Config, DeviceConfig, ZenohConfig, example_yaml
+        from ertis_daemon.config import (
+            Config,
+            DeviceConfig,
+            TrackerConfig,
+            ZenohConfig,
+            example_yaml,
+        )
 
         config = Config(
             device=DeviceConfig(name="demo", address=f"serial:{port}"),
+            tracker=TrackerConfig(max_false_events_per_hour=FALSE_EVENTS_PER_HOUR),
             zenoh=ZenohConfig(connect=(), listen=(locator,)),
         )
         config = dataclasses.replace(config, ping_rate_hz=PING_RATE_HZ)

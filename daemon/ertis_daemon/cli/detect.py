@@ -71,8 +71,8 @@ class _Look:
 
     def at(self, ping: RecordedPing, picture: Path | None) -> dict[str, Any]:
         """One line of output; draws the picture if one is wanted."""
+        from ertis_daemon.event_of import report
         from ertis_daemon.events import dump_json
-        from ertis_daemon.service import report
         from ertis_detector.tracker import Track
         from ertis_driver.audio import whole_samples
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 import threading
 from collections.abc import Mapping
@@ -13,6 +14,9 @@ from ertis_daemon.cli.signals import stop_on_signals
 
 if TYPE_CHECKING:
     from ertis_daemon.status import Status
+
+
+log = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     import ertis_detector.detector
     import ertis_detector.model
     import ertis_detector.tracker  # noqa: F401
+    from ertis_daemon.about import version
     from ertis_daemon.layers import Sources
     from ertis_daemon.memory import keep_freed_memory
     from ertis_daemon.serving.daemon import Daemon
@@ -45,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     keep_freed_memory()
     sources = Sources(args.config, _flags(args))
     config = sources.load()
+    files = ", ".join(map(str, sources.files())) or "defaults alone"
+    log.info("ertis %s, configured by %s", version(), files)
     stop = threading.Event()
     daemon = Daemon(config, stop, sources)
     hang_up = None if sys.stderr.isatty() else daemon.hang_up

@@ -8,25 +8,21 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ertis_daemon.config import Config, SonarConfig
 from ertis_daemon.layers import Sources
-from ertis_daemon.odometry import POSES_WAITING, PoseChannel
 from ertis_daemon.publisher import ZenohPublisher
 from ertis_daemon.serving.about import waiting_info
 from ertis_daemon.serving.commands import Commands
 from ertis_daemon.serving.life import SonarLife
 from ertis_daemon.serving.notify import Notifier
 from ertis_daemon.serving.outputs import FanOut, Publisher
-from ertis_daemon.serving.reload import WHOLE, ReloadError, check_models, compare
+from ertis_daemon.serving.reload import ReloadError, check_models, compare
 from ertis_daemon.status import Status
 from ertis_daemon.turns import Turns
-from ertis_daemon.zenoh_session import Network, session_config
+from ertis_daemon.zenoh_session import Network
 from ertis_driver.errors import ErtisError
-
-if TYPE_CHECKING:
-    from ertis_daemon.ros2.node import RosNode
 
 log = logging.getLogger(__name__)
 
@@ -62,7 +58,6 @@ class Daemon:
         self._asked: list[Future[Sequence[str]]] = []
         self._asked_lock = threading.Lock()
         self._network: Network | None = None
-        self._ros2: RosNode | None = None
         self._seen: dict[str, int] = {"routers": 0, "peers": 0}
         self._look_s = 0.0
 
@@ -83,7 +78,6 @@ class Daemon:
         """
         with ExitStack() as stack:
             self._network = stack.enter_context(Network(self._config.zenoh))
-            self._ros2 = self._open_ros2(stack)
             stack.callback(self._end_all)
             self._serve_metrics(stack)
             for sonar in self._config.each_sonar():
@@ -138,6 +132,7 @@ class Daemon:
             )
 
     def _begin(self, sonar: SonarConfig) -> None:
+        assert self._network is not None
         name = sonar.device.name
         self._lives[name] = life = SonarLife(
             sonar,
@@ -146,47 +141,24 @@ class Daemon:
             can_command=self._config.zenoh.commands,
             beat=self._notifier.beat,
             around=self._around,
-            poses=self._poses,
+            subscribe=self._network.subscribe,
         )
         life.start()
-
-    def _poses(self, key: str) -> PoseChannel:
-        """What others publish under a key; the newest samples wait, the oldest are dropped."""
-        import zenoh
-
-        assert self._network is not None
-        return self._network.session.declare_subscriber(
-            key, zenoh.handlers.RingChannel(POSES_WAITING)
-        )
 
     def _publishers(self, sonar: SonarConfig) -> list[Publisher]:
         assert self._network is not None
         zenoh, name = self._config.zenoh, sonar.device.name
         obey = Commands(lambda: self._lives.get(name), self.reload) if zenoh.commands else None
-        info, effective = waiting_info(sonar), sonar.to_json()
-        session = self._network.session
-        publishers: list[Publisher] = [
+        return [
             ZenohPublisher(
-                session, name, info=info, effective_config=effective, raw=zenoh.raw, obey=obey
+                self._network.session,
+                name,
+                info=waiting_info(sonar),
+                effective_config=sonar.to_json(),
+                raw=zenoh.raw,
+                obey=obey,
             )
         ]
-        if self._ros2 is not None:
-            from ertis_daemon.ros2.publisher import Ros2Publisher
-
-            publishers.append(Ros2Publisher(self._ros2, name, info))
-        return publishers
-
-    def _open_ros2(self, stack: ExitStack) -> RosNode | None:
-        if not self._config.ros2.enabled:
-            return None
-        from ertis_daemon.ros2.extra import require
-
-        require()
-        from ertis_daemon.ros2.node import RosNode
-
-        zenoh = self._config.zenoh
-        described = session_config(zenoh.mode, zenoh.connect, zenoh.listen, zenoh.tls)
-        return stack.enter_context(RosNode(self._config.ros2, described))
 
     def _turns_of(self, sonar: SonarConfig) -> Turns | None:
         if not sonar.take_turns:
@@ -263,7 +235,7 @@ class Daemon:
 def _with_old(new: Config, old: Config) -> Config:
     import dataclasses
 
-    return dataclasses.replace(new, **{name: getattr(old, name) for name in WHOLE})
+    return dataclasses.replace(new, zenoh=old.zenoh, prometheus=old.prometheus)
 
 
 def _told(name: str, life: SonarLife) -> str:

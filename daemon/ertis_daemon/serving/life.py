@@ -12,7 +12,7 @@ from typing import Any
 from ertis_daemon.acquisition import Pace, PingRequests
 from ertis_daemon.config import SonarConfig
 from ertis_daemon.config_read import HARDWARE
-from ertis_daemon.odometry import Odometry, PoseChannel
+from ertis_daemon.odometry import POSES_WAITING, Odometry
 from ertis_daemon.pipeline import Pipeline, build_pipeline
 from ertis_daemon.recording.recorder import Recorder
 from ertis_daemon.service import Service, ServiceError
@@ -70,8 +70,8 @@ class SonarLife(threading.Thread):
         Feeds the watchdog.
     around
         Added to each status message.
-    poses
-        Opens the channel of the robot's poses under a key; None where there is no network.
+    subscribe
+        Hears a key of others through a channel of some size, for odometry.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class SonarLife(threading.Thread):
         can_command: bool = False,
         beat: Callable[[], None] = _nothing,
         around: Callable[[], Mapping[str, Any]] = dict,
-        poses: Callable[[str], PoseChannel] | None = None,
+        subscribe: Callable[[str, int], Any] | None = None,
     ) -> None:
         super().__init__(name=f"sonar {config.device.name}", daemon=True)
         self.config = config
@@ -104,7 +104,7 @@ class SonarLife(threading.Thread):
         self._can_command = can_command
         self._turns = turns
         self._beat = beat
-        self._poses = poses
+        self._subscribe = subscribe
         self._publisher = publisher
         self._reporter = Reporter(self.status, publisher, around)
         self._ended = threading.Event()
@@ -112,6 +112,7 @@ class SonarLife(threading.Thread):
         self._next: tuple[SonarConfig, Turns | None] | None = None
         self._run_stop = threading.Event()
         self._pause_s = FIRST_PAUSE_S
+        self._checked: SonarConfig | None = None
 
     def run(self) -> None:
         """Serve until stopped."""
@@ -173,7 +174,9 @@ class SonarLife(threading.Thread):
 
     def _serve(self, stop: threading.Event) -> None:
         config = self.config
-        check_models((config,))  # a wrong one is said at once, not when the device is there
+        if self._checked is not config:
+            check_models((config,))  # a wrong one is said at once, not when the device is there
+            self._checked = config
         if self.status.state not in ("waiting", "failed"):
             self.status.state = "starting"
         with ExitStack() as stack:
@@ -181,7 +184,7 @@ class SonarLife(threading.Thread):
             sonar.configure(config.settings())
             self._beat()
             settings = sonar.settings or config.settings()  # a recording keeps its own
-            pipeline = build_pipeline(config, settings, self._odometry())
+            pipeline = build_pipeline(config, settings, self._odometry(config, stack))
             self._opened(sonar, settings, pipeline)
             pace = Pace(
                 config.ping_on,
@@ -203,13 +206,13 @@ class SonarLife(threading.Thread):
                 reporter=self._reporter,
             ).run()
 
-    def _odometry(self) -> Odometry | None:
-        """What hears the robot's poses, if it tells any."""
-        config = self.config.odometry
-        if not config.key or self._poses is None:
+    def _odometry(self, config: SonarConfig, stack: ExitStack) -> Odometry | None:
+        if not config.odometry.key or self._subscribe is None:
             return None
-        odometry = Odometry(config)
-        odometry.listen(self._poses(config.key))
+        odometry = Odometry(config.odometry, config.pose)
+        subscriber = self._subscribe(config.odometry.key, POSES_WAITING)
+        stack.callback(subscriber.undeclare)
+        odometry.listen(subscriber)
         return odometry
 
     def _opened(self, sonar: Sonar, settings: Settings, pipeline: Pipeline) -> None:
