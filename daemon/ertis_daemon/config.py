@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from ertis_daemon.ros2.config import Ros2Config
 from ertis_daemon.yaml_example import write_yaml
 from ertis_daemon.yaml_load import option, section
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp, ChirpKind
@@ -178,6 +179,9 @@ class ZenohConfig:
     listen: tuple[str, ...] = option(
         ("tcp/localhost:0",), "locators to listen on; port 0 is any free one", check=_check_locators
     )
+    tls: str = option(
+        "", "folder of ca.pem, cert.pem and key.pem, for a router that asks for them; mode client"
+    )
     raw: bool = option(False, "offer whole frames on ertis/NAME/raw, 18 MB/s to each subscriber")
     commands: bool = option(
         False, "obey ertis/NAME/cmd/...: anybody on the network may then ping, record and reload"
@@ -251,6 +255,7 @@ class Config(SonarConfig):
     """All of it. What is said of the sonar holds for each of ``sonars``, unless it says else."""
 
     zenoh: ZenohConfig = section(ZenohConfig, "how to reach the network")
+    ros2: Ros2Config = section(Ros2Config, "messages for ROS 2; needs the extra 'ros2', no ROS")
     prometheus: PrometheusConfig = section(PrometheusConfig, "counters for Prometheus")
     sonars: Mapping[str, SonarConfig] = field(
         default_factory=dict,

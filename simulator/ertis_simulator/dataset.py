@@ -55,7 +55,7 @@ def random_scene(seed: int, number: int) -> Scene:
         start=Pose((0.0, 0.0, height), rng.uniform(-0.3, 0.3)),
         dishes=tuple(dishes),
         clutter=Clutter.scatter(room.x_m, room.y_m, density, rng, weights=weights),
-        air=Air(rng.uniform(5.0, 35.0), rng.uniform(20.0, 90.0)),
+        air=Air(rng.uniform(-10.0, 40.0), rng.uniform(20.0, 90.0)),
         seed=int(rng.integers(2**31)),
         name=f"random {seed}/{number}",
         things=_things(room, rng),
