@@ -228,6 +228,15 @@ class PaperMethod:
         )
 
 
+def without_level() -> PaperMethod:
+    """The kindest reading of the text: every spectrum scaled to one length.
+
+    From 0.6 to 4.2 m an echo loses 34 dB by spreading alone. The text says nothing of it, and its
+    pipeline should not be beaten by that silence (docs/decisions/0006).
+    """
+    return PaperMethod(PaperChoices(scaling="unit"), "paper's SVM, level taken out")
+
+
 def _per_class(svm: SVC, scaled: Float) -> Float:
     """Votes of each class, ties broken by margins; shape (n, num_classes)."""
     said = np.asarray(svm.decision_function(scaled))
