@@ -11,7 +11,7 @@ from ertis_driver.errors import SettingsError
 # name -> (module, what makes it without arguments); imported only when asked for.
 METHODS: Mapping[str, tuple[str, str]] = {
     "paper": ("ertis_detector.paper", "PaperMethod"),
-    "paper-level": ("ertis_detector.paper", "without_level"),
+    "paper-kind": ("ertis_detector.paper", "kindest"),
     "peaks": ("ertis_detector.peak_method", "PeakMethod"),
 }
 
