@@ -228,6 +228,17 @@ class PaperMethod:
         )
 
 
+def kindest() -> PaperMethod:
+    """The kindest reading of the text: whole echoes, each spectrum scaled to one length.
+
+    A raw crop cuts a 2.5 ms chirp's echo in two, and from 0.6 to 4.2 m an echo loses 34 dB by
+    spreading alone. The text says nothing of either, and its pipeline should not be beaten by that
+    silence (docs/decisions/0006).
+    """
+    choices = PaperChoices(sound="compressed", scaling="unit")
+    return PaperMethod(choices, "paper's SVM, kindest reading")
+
+
 def _per_class(svm: SVC, scaled: Float) -> Float:
     """Votes of each class, ties broken by margins; shape (n, num_classes)."""
     said = np.asarray(svm.decision_function(scaled))

@@ -96,7 +96,7 @@ def _known_range(args: argparse.Namespace) -> tuple[str, dict[str, Any], Page | 
     methods = build_methods(args.methods.split(",") if args.methods else list(METHODS))
     for number, method in enumerate(methods):
         if isinstance(method, PaperMethod):
-            methods[number] = PaperMethod(choices)
+            methods[number] = PaperMethod(method.choices.changed(args.choice), method.name)
     spec = KnownRangeSpec(choices, args.repeats, args.folds, args.seed, args.sweep)
     report = evaluate_known_range(open_dataset(args.data[0]), methods, spec, args.workers, _show)
     page = known_range_page.page(report, _command(args)) if args.html else None

@@ -184,7 +184,9 @@ def _differences(report: KnownRangeReport) -> str:
     for name, ways in zip(report.methods, report.outcomes, strict=True):
         lost = gain(ways[RANDOM], ways[ENVIRONMENT], TASKS.index("overall"), report.labels)
         told.append(f"{name} {_points(lost)}")
-    return "Here random folds flatter, in points overall: " + "; ".join(told) + "."
+    return (
+        "Here, random folds less environment left out, overall, in points: " + "; ".join(told) + "."
+    )
 
 
 def _gains(report: KnownRangeReport, number: int) -> dict[str, tuple[Accuracy, ...]]:

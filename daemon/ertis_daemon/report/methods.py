@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 from ertis_detector.method import Method
 from ertis_driver.errors import SettingsError
 
-# name -> (module, class); built without arguments, imported only when asked for.
+# name -> (module, what makes it without arguments); imported only when asked for.
 METHODS: Mapping[str, tuple[str, str]] = {
     "paper": ("ertis_detector.paper", "PaperMethod"),
+    "paper-kind": ("ertis_detector.paper", "kindest"),
     "peaks": ("ertis_detector.peak_method", "PeakMethod"),
     "ours": ("ertis_detector.known_range", "KnownRangeDetector"),
 }
@@ -30,6 +31,6 @@ def build_methods(names: Sequence[str]) -> list[Method]:
     if len(set(names)) < len(names):
         raise SettingsError(f"methods {', '.join(names)}: each can be named once")
     return [
-        getattr(importlib.import_module(module), kind)()
-        for module, kind in (METHODS[name] for name in names)
+        getattr(importlib.import_module(module), maker)()
+        for module, maker in (METHODS[name] for name in names)
     ]
