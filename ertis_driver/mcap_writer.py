@@ -11,25 +11,21 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.data_stream import RecordBuilder
 from mcap.records import (
     Channel,
     ChunkIndex,
     DataEnd,
-    Footer,
     Header,
-    McapRecord,
     MessageIndex,
     Metadata,
     MetadataIndex,
     Schema,
-    Statistics,
-    SummaryOffset,
 )
 
 from ertis_driver.closing import Closing
 from ertis_driver.errors import DiskFull, RecordingError
 from ertis_driver.mcap_format import HEAD, MAGIC, Opcode
+from ertis_driver.mcap_index import FileIndex, bytes_of
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log and publish time
 _CHUNK = struct.Struct("<BQQQQIIQ")  # of one without compression
@@ -74,11 +70,7 @@ class McapWriter(Closing):
         self.path = path
         self.size = 0
         self._data_crc = 0
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._chunks: list[ChunkIndex] = []
-        self._metadata: list[MetadataIndex] = []
-        self._counts: dict[int, int] = {}
+        self._index = FileIndex()
         try:
             self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except FileExistsError as error:
@@ -87,7 +79,7 @@ class McapWriter(Closing):
             raise RecordingError(f"cannot write {path}: {error.strerror}") from error
         self._is_open = True
         try:
-            self._append(MAGIC, _bytes_of(Header(profile="", library=library)))
+            self._append(MAGIC, bytes_of(Header(profile="", library=library)))
         except RecordingError:
             self._give_up()
             raise
@@ -102,15 +94,15 @@ class McapWriter(Closing):
         schema
             Its name, encoding and data.
         """
-        for known in self._schemas.values():
+        for known in self._index.schemas.values():
             if (known.name, known.encoding, known.data) == schema:
                 break
         else:
             name, kind, data = schema
-            known = Schema(id=len(self._schemas) + 1, name=name, encoding=kind, data=data)
-            self._schemas[known.id] = known
-        channel = Channel(len(self._channels) + 1, topic, encoding, metadata, known.id)
-        self._channels[channel.id] = channel
+            known = Schema(id=len(self._index.schemas) + 1, name=name, encoding=kind, data=data)
+            self._index.schemas[known.id] = known
+        channel = Channel(len(self._index.channels) + 1, topic, encoding, metadata, known.id)
+        self._index.channels[channel.id] = channel
         return channel
 
     def write_metadata(self, name: str, table: Mapping[str, str]) -> None:
@@ -121,9 +113,9 @@ class McapWriter(Closing):
         RecordingError
             If the disk does not take it.
         """
-        data, offset = _bytes_of(Metadata(name=name, metadata=dict(table))), self.size
+        data, offset = bytes_of(Metadata(name=name, metadata=dict(table))), self.size
         self._append(data)
-        self._metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
+        self._index.metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
 
     def write_chunk(self, messages: Sequence[Outgoing]) -> None:
         """Write messages as one chunk, which is on its way to the disk when this returns.
@@ -148,11 +140,10 @@ class McapWriter(Closing):
         offsets: dict[int, int] = {}
         for channel_id, rows in places.items():
             offsets[channel_id] = start + chunk_length + sum(map(len, tables))
-            tables.append(_bytes_of(MessageIndex(channel_id, rows)))
+            tables.append(bytes_of(MessageIndex(channel_id, rows)))
         self._append(head, *parts, *tables)
-        for message in messages:
-            self._counts[message.channel.id] = self._counts.get(message.channel.id, 0) + 1
-        self._chunks.append(
+        self._index.counts.update(message.channel.id for message in messages)
+        self._index.chunks.append(
             ChunkIndex(
                 chunk_start_offset=start,
                 chunk_length=chunk_length,
@@ -171,9 +162,9 @@ class McapWriter(Closing):
     ) -> tuple[list[bytes], dict[int, list[tuple[int, int]]]]:
         """The bytes of a chunk, and per channel the time and place in it of each message."""
         channels = {message.channel.id: message.channel for message in messages}
-        schemas = {self._schemas[channel.schema_id].id for channel in channels.values()}
-        parts = [_bytes_of(self._schemas[number]) for number in sorted(schemas)]
-        parts += [_bytes_of(channels[number]) for number in sorted(channels)]
+        schemas = {self._index.schemas[channel.schema_id].id for channel in channels.values()}
+        parts = [bytes_of(self._index.schemas[number]) for number in sorted(schemas)]
+        parts += [bytes_of(channels[number]) for number in sorted(channels)]
         at = sum(map(len, parts))
         places: dict[int, list[tuple[int, int]]] = {}
         for item in messages:
@@ -215,8 +206,8 @@ class McapWriter(Closing):
         if not self._is_open:
             return
         try:
-            end = _bytes_of(DataEnd(self._data_crc))
-            self._append(end, self._summary(self.size + len(end)), MAGIC)
+            end = bytes_of(DataEnd(self._data_crc))
+            self._append(end, self._index.summary(self.size + len(end)), MAGIC)
             if sync:
                 self.sync()
         finally:
@@ -253,43 +244,3 @@ class McapWriter(Closing):
                 "readable: free some space, then record into another file"
             )
         return RecordingError(f"cannot write {self.path}: {error.strerror}")
-
-    def _summary(self, start: int) -> bytes:
-        """Schemas, channels, statistics and indexes, then the footer."""
-        groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
-            (Opcode.SCHEMA, list(self._schemas.values())),
-            (Opcode.CHANNEL, list(self._channels.values())),
-            (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.METADATA_INDEX, self._metadata),
-        ]
-        data, offsets = b"", b""
-        for opcode, group in groups:
-            if group:
-                group_start = start + len(data)
-                packed = b"".join(map(_bytes_of, group))
-                offsets += _bytes_of(SummaryOffset(opcode, group_start, len(packed)))
-                data += packed
-        data += offsets
-        footer = _bytes_of(Footer(start, start + len(data) - len(offsets), 0))
-        crc = zlib.crc32(footer[:-4], zlib.crc32(data))
-        return data + footer[:-4] + struct.pack("<I", crc)
-
-    def _statistics(self) -> Statistics:
-        return Statistics(
-            attachment_count=0,
-            channel_count=len(self._channels),
-            channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
-            message_count=sum(self._counts.values()),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
-            metadata_count=len(self._metadata),
-            schema_count=len(self._schemas),
-        )
-
-
-def _bytes_of(record: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]

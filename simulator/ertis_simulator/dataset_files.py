@@ -27,7 +27,7 @@ from ertis_simulator.paper_dataset import NONE, VARIANTS, PlannedPing, build_sce
 GENERATOR = 2  # raised when the same seed comes to mean other files
 MANIFEST = "dataset.json"
 OPERATOR = "simulated"
-PING_BYTES = 4 * DEFAULT_NUM_WORDS + 8_192  # of a file, truth and all
+PING_BYTES = 4 * DEFAULT_NUM_WORDS + 16_384  # of a file, truth and all
 WEAK_DB = 0.0  # below it, a landmark's own echo is not the strongest thing in its fragment
 _PERIOD_NS = 100_000_000  # no clock ran: 10 pings a second from the epoch, for reproducible files
 

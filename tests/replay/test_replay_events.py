@@ -1,11 +1,13 @@
 """A recording gives the same events, byte for byte, every time it is replayed."""
 
 import dataclasses
+import json
 from pathlib import Path
 
 import pytest
 
 import ertis_simulator
+from ertis_daemon.cli import main
 from ertis_daemon.config import Config
 from ertis_daemon.pipeline import build_pipeline
 from ertis_daemon.service import Service
@@ -79,3 +81,11 @@ def test_a_round_of_a_loop_differs_in_nothing_but_time_and_history(recordings):
                 again = sonar.ping()
                 assert (again.words == frame.words).all()
                 assert again.ping_index == frame.ping_index
+
+
+def test_the_command_publishes_what_the_recording_holds(recordings, tmp_path, capsys):
+    (tmp_path / "e.yaml").write_text("zenoh: {connect: [], listen: [tcp/localhost:0]}\n")
+    argv = ["replay", str(recordings[1]), "--rate", "0", "--config", str(tmp_path / "e.yaml")]
+    assert main([*argv, "--json"]) == 0
+    counters = json.loads(capsys.readouterr().out)
+    assert (counters["pings_heard"], counters["events"], counters["queue_drops"]) == (2, 2, 0)
