@@ -69,5 +69,25 @@ class RecordingError(ErtisError):
     """A recording cannot be read: foreign, truncated or damaged."""
 
 
+class RecordingDamaged(RecordingError):
+    """A recording is cut off or damaged here, and whole before: recover it.
+
+    offset : int
+        Of the damage, bytes from the beginning of the file.
+    num_pings : int
+        Whole ones before it.
+    is_cut : bool
+        The rest is missing; else it is there, and wrong.
+    """
+
+    def __init__(self, message: str, *, offset: int, num_pings: int, is_cut: bool) -> None:
+        super().__init__(message)
+        self.offset, self.num_pings, self.is_cut = offset, num_pings, is_cut
+
+
+class DiskFull(RecordingError):
+    """A recording takes no more; what is written is kept: free some space, and record on."""
+
+
 class EndOfRecording(ErtisError):
     """A replay has played its last ping."""

@@ -3,40 +3,46 @@
 from __future__ import annotations
 
 import json
-import struct
-import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.records import Channel, DataEnd, Footer, McapRecord, Message, Metadata
-from mcap.stream_reader import CRCValidationError, StreamReader
-from zstandard import ZstdError
+from mcap.records import Channel, Message
 
-from ertis_driver.errors import FrameCorrupt, RecordingError
+from ertis_driver.codec import decode_recorded
+from ertis_driver.errors import FrameCorrupt, RecordingDamaged, RecordingError
 from ertis_driver.frame import PdmFrame
-from ertis_driver.protocol import decode_frame
-from ertis_driver.recording_info import RecordedPing, RecordingInfo, from_strings
-
-MAGIC = b"\x89MCAP0\r\n"
-MAX_RECORD_BYTES = 1 << 28  # four times the longest frame: a length that lies must not take memory
-TAIL = struct.Struct("<BQQQI8s")  # the footer record, then the closing magic
-
-# All that damaged bytes have been seen to raise inside the mcap package.
-DAMAGE = (
-    McapError,
-    ValueError,
-    struct.error,
-    OverflowError,
-    MemoryError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    RuntimeError,  # lz4
-    ZstdError,
+from ertis_driver.mcap_format import (
+    Damage,
+    Opcode,
+    Record,
+    parse_channel,
+    parse_message,
+    parse_metadata,
+    unpack_chunk,
 )
+from ertis_driver.mcap_stream import records
+from ertis_driver.recording_info import METADATA, RecordedPing, RecordingInfo, from_strings
+
+# What ``make_ping`` raises; the last three JSON of the wrong kind.
+NO_PING = (FrameCorrupt, ValueError, KeyError, TypeError, RecursionError)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One message of a recording.
+
+    offset : int
+        Of the chunk that holds it.
+    channel : Channel
+    message : Message
+        Its data is a view of that chunk.
+    """
+
+    offset: int
+    channel: Channel
+    message: Message
 
 
 def read_info(path: Path) -> RecordingInfo:
@@ -47,15 +53,53 @@ def read_info(path: Path) -> RecordingInfo:
     RecordingError
         If it is no recording of ours.
     """
-    for record in _records(path):
-        if isinstance(record, Metadata) and record.name == "ertis":
+    for record in _checked_records(path, _Counter()):
+        if record.opcode == Opcode.METADATA:
+            metadata = _parsed(path, record)
+            if metadata.name != METADATA:
+                continue
             try:
-                return from_strings(record.metadata)
+                return from_strings(metadata.metadata)
             except ValueError as error:
-                raise RecordingError(f"{path}: {error}; record it again") from error
-        if isinstance(record, Channel | Message | DataEnd):
+                raise RecordingError(
+                    f"{path}: {error}; `ertis recover` may save its pings"
+                ) from error
+        if record.opcode in (Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK):
             break
     raise RecordingError(f"{path} is an MCAP file, but no sonar recording: name another file")
+
+
+def read_entries(path: Path) -> Iterator[Entry]:
+    """Yield all messages in the order of the file.
+
+    Raises
+    ------
+    RecordingDamaged
+        Where the file is cut off or damaged, after the messages before that.
+    RecordingError
+        If it cannot be read.
+    """
+    counter = _Counter()
+    channels: dict[int, Channel] = {}
+    for record in _checked_records(path, counter):
+        try:
+            chunk = record.opcode == Opcode.CHUNK
+            for inner in unpack_chunk(record) if chunk else [record]:
+                if inner.opcode == Opcode.CHANNEL:
+                    channel = parse_channel(inner.content)
+                    channels[channel.id] = channel
+                elif inner.opcode == Opcode.MESSAGE:
+                    message = parse_message(inner.content)
+                    channel = channels[message.channel_id]
+                    yield Entry(record.offset, channel, message)
+                    counter.pings += channel.topic == "pdm"
+        except Damage as error:
+            raise damaged(path, error, counter.pings) from error
+        except KeyError as error:
+            damage = Damage(record.offset, f"message of unknown channel {error}")
+            raise damaged(path, damage, counter.pings) from error
+        except ValueError as error:
+            raise damaged(path, Damage(record.offset, str(error)), counter.pings) from error
 
 
 def read_pings(path: Path, info: RecordingInfo) -> Iterator[RecordedPing]:
@@ -63,39 +107,41 @@ def read_pings(path: Path, info: RecordingInfo) -> Iterator[RecordedPing]:
 
     Raises
     ------
-    RecordingError
+    RecordingDamaged
         Where the file is cut off or damaged, after the pings before that.
     """
-    topics: dict[int, str] = {}
     parts: dict[str, Message] = {}
     num_pings = 0
-    for record in _records(path):
-        if isinstance(record, Channel):
-            topics[record.id] = record.topic
-        if not isinstance(record, Message):
+    for entry in read_entries(path):
+        topic = entry.channel.topic
+        parts[topic] = entry.message
+        if topic != "pdm":
             continue
-        topic = topics.get(record.channel_id, "")
-        parts[topic] = record
-        if topic == "pdm":
-            try:
-                ping = _ping(parts, info)
-            except (FrameCorrupt, ValueError, KeyError, TypeError, RecursionError) as error:
-                raise RecordingError(
-                    f"{path} is damaged after {num_pings} pings ({error}): record it again"
-                ) from error
-            yield ping
-            num_pings += 1
-            parts = {}
+        try:
+            ping = make_ping(parts, entry.channel.message_encoding, info)
+        except NO_PING as error:
+            what = str(error) or type(error).__name__
+            raise damaged(path, Damage(entry.offset, what), num_pings) from error
+        yield ping
+        num_pings += 1
+        parts = {}
 
 
-def _ping(parts: dict[str, Message], info: RecordingInfo) -> RecordedPing:
-    raw = decode_frame(parts["pdm"].data)
+def make_ping(parts: dict[str, Message], encoding: str, info: RecordingInfo) -> RecordedPing:
+    """Put a ping together from its messages, by topic.
+
+    Raises
+    ------
+    FrameCorrupt, ValueError, KeyError, TypeError, RecursionError
+        If they are not those of one ping.
+    """
+    raw = decode_recorded(parts["pdm"].data, encoding, info.num_words)
     if len(raw.words) != info.num_words:
         raise ValueError(f"frame of {len(raw.words)} words, expected {info.num_words}")
     if "ping" not in parts:
         raise ValueError(f"frame {raw.index} without its description")
-    about: dict[str, Any] = json.loads(parts["ping"].data)
-    truth = json.loads(parts["truth"].data) if "truth" in parts else None
+    about: dict[str, Any] = json.loads(bytes(parts["ping"].data))
+    truth = json.loads(bytes(parts["truth"].data)) if "truth" in parts else None
     if about["ping_index"] != raw.index:
         raise ValueError(f"frame {raw.index} with the description of {about['ping_index']}")
     frame = PdmFrame(
@@ -110,74 +156,44 @@ def _ping(parts: dict[str, Message], info: RecordingInfo) -> RecordedPing:
     return RecordedPing(frame, truth, about["temperature_c"])
 
 
-def _records(path: Path) -> Iterator[McapRecord]:
-    """All records of the data section, streamed; then the checks that only the end allows."""
-    num_pings = 0
-    ended = False
+@dataclass(slots=True)
+class _Counter:
+    """Of the whole pings so far: what a message about damage names."""
+
+    pings: int = 0
+
+
+def _checked_records(path: Path, counter: _Counter) -> Iterator[Record]:
     try:
         with path.open("rb") as file:
-            _check_magic(path, file)
-            # Streaming, not seeking: a file without its end still yields what came before.
-            reader = StreamReader(file, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES)
-            records = iter(reader.records)
-            pdm_channels: set[int] = set()
-            while True:
-                try:
-                    record = next(records, None)
-                    if record is None:
-                        break
-                    ended = ended or isinstance(record, DataEnd)
-                    if isinstance(record, Footer):
-                        _check_summary(file)
-                except DAMAGE as error:
-                    raise _damage(path, file, error, num_pings) from error
-                if isinstance(record, Channel) and record.topic == "pdm":
-                    pdm_channels.add(record.id)
-                if not ended:
-                    yield record
-                if isinstance(record, Message) and record.channel_id in pdm_channels:
-                    num_pings += 1
+            yield from records(file)
+    except Damage as error:
+        raise damaged(path, error, counter.pings) from error
     except OSError as error:
         raise RecordingError(
-            f"cannot read {path} after {num_pings} pings: {error.strerror}"
+            f"cannot read {path} after {counter.pings} pings: {error.strerror}"
         ) from error
-    if not ended:
-        raise RecordingError(f"{path} is damaged at its end, after {num_pings} pings")
 
 
-def _check_summary(file: IO[bytes]) -> None:
-    """Check what the stream reader does not: the checksum of all behind the data."""
-    position = file.tell()
-    end = file.seek(0, 2)
-    if position != end - len(MAGIC):
-        raise ValueError("bytes behind the end")
-    file.seek(end - TAIL.size)
-    tail = file.read(TAIL.size)
-    _, _, start, _, expected, _ = TAIL.unpack(tail)
-    file.seek(start)
-    covered = file.read(max(0, end - start - len(MAGIC) - 4))
-    if expected and zlib.crc32(covered) != expected:
-        raise ValueError("checksum of the summary is wrong")
-    file.seek(position)
+def _parsed(path: Path, record: Record) -> Any:
+    try:
+        return parse_metadata(record.content)
+    except ValueError as error:
+        raise damaged(path, Damage(record.offset, str(error)), 0) from error
 
 
-def _check_magic(path: Path, file: IO[bytes]) -> None:
-    first = file.read(len(MAGIC))
-    file.seek(0)
-    if not first:
-        raise RecordingError(f"{path} is empty: nothing was recorded; name another file")
-    if not MAGIC.startswith(first):
-        raise RecordingError(f"{path} is no recording (not an MCAP file): name another file")
-
-
-def _damage(path: Path, file: IO[bytes], error: Exception, num_pings: int) -> RecordingError:
-    file.seek(max(0, file.seek(0, 2) - len(MAGIC)))
-    if file.read() != MAGIC or file.tell() == len(MAGIC):
-        return RecordingError(
-            f"{path} is cut off after {num_pings} pings: the recorder was stopped or the disk was "
-            "full; use those or record again"
-        )
-    what = "wrong checksum" if isinstance(error, CRCValidationError) else "broken record"
-    return RecordingError(
-        f"{path} is damaged after {num_pings} pings ({what}): use those or record again"
+def damaged(path: Path, damage: Damage, num_pings: int) -> RecordingError:
+    """The error that says where a recording is damaged, in one line."""
+    if damage.offset == 0 and not damage.is_cut:
+        return RecordingError(f"{path} is no recording ({damage.what}): name another file")
+    if damage.offset == 0 and path.stat().st_size == 0:
+        return RecordingError(f"{path} is empty: nothing was recorded; name another file")
+    what = "cut off" if damage.is_cut else "damaged"
+    why = "the recorder was stopped or the disk was full" if damage.is_cut else damage.what
+    return RecordingDamaged(
+        f"{path} is {what} at byte {damage.offset}, after {num_pings} whole pings ({why}): "
+        f"`ertis recover {path}` saves what is left",
+        offset=damage.offset,
+        num_pings=num_pings,
+        is_cut=damage.is_cut,
     )

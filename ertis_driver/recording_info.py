@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import base64
+import json
+import math
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, get_args
 
 import numpy as np
 
 from ertis_driver.chirp import Chirp, Emission
 from ertis_driver.custom_chirp import CustomChirp
-from ertis_driver.device import PDM_RATES_HZ
+from ertis_driver.device import MAX_NUM_WORDS, PDM_RATES_HZ
 from ertis_driver.errors import SettingsError
-from ertis_driver.frame import PDM_RATE_HZ, PdmFrame, Source
+from ertis_driver.frame import NUM_MICS, PDM_RATE_HZ, PdmFrame, Source
+from ertis_driver.geometry import mic_positions_m
 
-FORMAT_VERSION = "1"
+FORMAT_VERSION = "1"  # raised when an older reader would misunderstand a newer recording
 CREATED_BY = "ertis"
+METADATA = "ertis"  # name of the table in the file
+METADATA_COPY = "ertis.copy"  # the same once more: one damaged bit shall not cost it
+MAX_TEXT_CHARS = 2000  # of each free text
+
+Position = tuple[float, float, float]
+_TEXTS = ("operator", "place", "note", "licence", "started", "amplifier", "external_trigger")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +47,23 @@ class RecordingInfo:
         The device as its user called it, or empty.
     pdm_rate_hz : int
         Words a second of each ping.
+    operator, place, note, licence : str
+        Who recorded, where, what for, and what others may do with it.
+    started : str
+        When, ISO 8601 with the offset from UTC, on the host's clock; or empty.
+    emissions : int
+        How often the chirp is emitted in one ping.
+    amplifier, external_trigger : str
+        As the device was asked: ``on``, ``off`` or empty; ``pin 1 active`` or the like, or empty.
+    part : int
+        Number of this file in a recording that was split, from 1; 0 for a whole one.
+    mic_positions_m : tuple of (x, y, z)
+        Of the microphones by row, sensor frame, m.
+
+    Raises
+    ------
+    SettingsError
+        If a text is too long.
     """
 
     source: Source
@@ -47,6 +73,24 @@ class RecordingInfo:
     firmware: str = ""
     address: str = ""
     pdm_rate_hz: int = PDM_RATE_HZ
+    operator: str = ""
+    place: str = ""
+    note: str = ""
+    licence: str = ""
+    started: str = ""
+    emissions: int = 1
+    amplifier: str = ""
+    external_trigger: str = ""
+    part: int = 0
+    mic_positions_m: tuple[Position, ...] = field(default_factory=lambda: _layout())
+
+    def __post_init__(self) -> None:
+        for name in _TEXTS:
+            if len(getattr(self, name)) > MAX_TEXT_CHARS:
+                raise SettingsError(
+                    f"{name} of {len(getattr(self, name))} characters, expected at most "
+                    f"{MAX_TEXT_CHARS}: put it into a file beside the recording"
+                )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,13 +124,17 @@ def to_strings(info: RecordingInfo) -> dict[str, str]:
         "temperature_c": "" if info.temperature_c is None else repr(float(info.temperature_c)),
         "firmware": info.firmware,
         "device": info.address,
+        **{name: getattr(info, name) for name in _TEXTS},
+        "emissions": str(info.emissions),
+        "part": str(info.part),
+        "mic_positions_m": json.dumps(info.mic_positions_m),
     }
     # MCAP has no checksum here but that of the whole file, which is known only at its end.
     return table | {"crc32": _checksum(table)}
 
 
 def from_strings(table: Mapping[str, str]) -> RecordingInfo:
-    """Read what ``to_strings`` wrote.
+    """Read what ``to_strings`` wrote; who wrote less, said nothing about the rest.
 
     Raises
     ------
@@ -106,17 +154,38 @@ def from_strings(table: Mapping[str, str]) -> RecordingInfo:
             raise ValueError(f"source {source!r}, expected one of {', '.join(get_args(Source))}")
         if table["pdm_rate_hz"] not in map(str, PDM_RATES_HZ):
             raise ValueError(f"PDM rate {table['pdm_rate_hz']} Hz, expected one of {PDM_RATES_HZ}")
+        num_words = int(table["num_words"])
+        if not 0 < num_words <= MAX_NUM_WORDS:
+            raise ValueError(f"{num_words} words a ping, expected 1 to {MAX_NUM_WORDS}")
         return RecordingInfo(
             source=source,  # type: ignore[arg-type]  # one of the three, as checked above
             chirp=_chirp(table),
-            num_words=int(table["num_words"]),
+            num_words=num_words,
             temperature_c=float(table["temperature_c"]) if table["temperature_c"] else None,
             firmware=table["firmware"],
             address=table["device"],
             pdm_rate_hz=int(table["pdm_rate_hz"]),
+            **{name: table.get(name, "")[:MAX_TEXT_CHARS] for name in _TEXTS},
+            emissions=int(table.get("emissions", 1)),
+            part=int(table.get("part", 0)),
+            mic_positions_m=_positions(table.get("mic_positions_m", json.dumps(_layout()))),
         )
     except KeyError as error:
         raise ValueError(f"metadata without {error}") from error
+
+
+def _layout() -> tuple[Position, ...]:
+    return tuple((x, y, z) for x, y, z in mic_positions_m().tolist())
+
+
+def _positions(text: str) -> tuple[Position, ...]:
+    try:
+        rows = tuple((float(x), float(y), float(z)) for x, y, z in json.loads(text))
+    except (TypeError, RecursionError) as error:
+        raise ValueError("microphone positions that are none") from error
+    if len(rows) != NUM_MICS or not all(math.isfinite(value) for row in rows for value in row):
+        raise ValueError(f"positions of {len(rows)} microphones, expected {NUM_MICS}")
+    return rows
 
 
 def _chirp_strings(chirp: Emission | None) -> dict[str, str]:

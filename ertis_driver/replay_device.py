@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
-from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import parse_qsl
 
 from ertis_driver.closing import Closing
 from ertis_driver.device import DeviceInfo, Settings
-from ertis_driver.errors import DeviceLost, DeviceTimeout, EndOfRecording, NotConfigured
+from ertis_driver.errors import (
+    AddressError,
+    DeviceLost,
+    DeviceTimeout,
+    EndOfRecording,
+    NotConfigured,
+)
 from ertis_driver.frame import PdmFrame
-from ertis_driver.recording import RecordedPing, Recording, open_recording
+from ertis_driver.recording import Recording, open_recording
+from ertis_driver.replay_pace import ReplayPace
 
 log = logging.getLogger(__name__)
 
@@ -27,8 +33,10 @@ class ReplayDevice(Closing):
     ----------
     path
         An MCAP recording, or headerless uint32 words.
-    realtime
-        Keep the recording's own pace instead of the fastest one.
+    rate : float or None
+        1 keeps the recording's own pace, 2 plays it twice as fast; None as fast as it goes.
+    loop
+        Begin again after the last ping; ping times go on.
     address
         What the user called it; ``replay:path`` if not given.
 
@@ -36,16 +44,20 @@ class ReplayDevice(Closing):
     ------
     RecordingError
         If it is neither.
+    SettingsError
+        If there is no such rate.
     """
 
     def __init__(
-        self, path: str | Path, *, realtime: bool = False, address: str | None = None
+        self,
+        path: str | Path,
+        *,
+        rate: float | None = None,
+        loop: bool = False,
+        address: str | None = None,
     ) -> None:
         self._recording = open_recording(path)
-        self._pings: Iterator[RecordedPing] | None = iter(self._recording)
-        self._realtime = realtime
-        self._start: tuple[float, int] | None = None  # monotonic s, recorded ns
-        self._due: RecordedPing | None = None  # read, but its time has not come
+        self._pace: ReplayPace | None = ReplayPace(self._recording, rate=rate, loop=loop)
         self._closed = threading.Event()
         self._configured = False
         recorded = self._recording.info
@@ -127,43 +139,60 @@ class ReplayDevice(Closing):
     def close(self) -> None:
         """End it, also a wait in another thread. May be called twice."""
         self._closed.set()
-        self._pings = None
+        self._pace = None
         self._configured = False
 
     def _next(self, timeout_s: float | None) -> PdmFrame:
-        if self._pings is None:
+        pace = self._pace
+        if pace is None:
             raise DeviceLost(f"{self._info.address} is closed: reopen it")
         if not self._configured:
             raise NotConfigured(f"{self._info.address} is not configured: configure it first")
-        ping = self._due or next(self._pings, None)
-        if ping is None:
-            raise EndOfRecording(f"{self._recording.path} has no more pings")
-        if self._realtime:
-            self._due = ping
-            self._wait_for(ping.frame.ping_time_ns, timeout_s)
-            self._due = None
-        return ping.frame
-
-    def _wait_for(self, ping_time_ns: int, timeout_s: float | None) -> None:
-        if self._start is None:
-            self._start = (time.monotonic(), ping_time_ns)
-        started_s, first_ns = self._start
-        left_s = max(0.0, started_s + (ping_time_ns - first_ns) / 1e9 - time.monotonic())
+        left_s = pace.left_s()
         if timeout_s is not None and left_s > timeout_s:
             self._closed.wait(timeout_s)
             raise DeviceTimeout(
                 f"{self._info.address}: the next ping is due in {left_s:.1f} s, after "
                 f"{timeout_s:g} s: wait again"
             )
-        self._closed.wait(left_s)
+        ping = pace.wait(self._closed)
+        if self._closed.is_set():
+            raise DeviceLost(f"{self._info.address} was closed: reopen it")
+        if ping is None:
+            raise EndOfRecording(f"{self._recording.path} has no more pings")
+        return ping.frame
 
 
-def open_replay(path: str, *, realtime: bool = False) -> ReplayDevice:
+def open_replay(where: str, *, rate: float | None = None, loop: bool = False) -> ReplayDevice:
     """Open a recording as a device.
+
+    Parameters
+    ----------
+    where
+        A file; after a question mark, ``rate=2`` plays it in twice its own pace instead of as fast
+        as it goes, and ``loop=1`` over and over: ``garage.mcap?rate=1&loop=1``.
+    rate, loop
+        If ``where`` does not say.
 
     Raises
     ------
+    AddressError
+        If another option is asked for.
     RecordingError
         If it cannot be read.
     """
-    return ReplayDevice(path, realtime=realtime, address=f"replay:{path}")
+    address = f"replay:{where}"
+    path, mark, text = where.rpartition("?")
+    if not mark or Path(where).exists():
+        return ReplayDevice(where, rate=rate, loop=loop, address=address)
+    options = dict(parse_qsl(text, keep_blank_values=True))
+    try:
+        rate = float(options.pop("rate")) if "rate" in options else rate
+        loop = {"1": True, "0": False}[options.pop("loop", str(int(loop)))]
+    except (ValueError, KeyError) as error:
+        raise AddressError(
+            f"{address}: {error}, expected rate=NUMBER and loop=1, with & between"
+        ) from error
+    if options:
+        raise AddressError(f"{address}: unknown option {', '.join(options)}, expected rate or loop")
+    return ReplayDevice(path, rate=rate, loop=loop, address=address)

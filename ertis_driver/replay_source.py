@@ -1,24 +1,25 @@
-"""A recording as the frames of an emulated sonar, over and over."""
+"""A recording as the frames of an emulated sonar."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+import threading
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from ertis_driver.errors import RecordingError
+from ertis_driver.errors import EndOfRecording, RecordingError
 from ertis_driver.firmware import PingRequest
 from ertis_driver.frame import Source
-from ertis_driver.recording import RecordedPing, open_recording
+from ertis_driver.recording import RecordedPing, Recording, open_recording
+from ertis_driver.replay_pace import ReplayPace
 
 log = logging.getLogger(__name__)
 
 
 class ReplaySource:
-    """Cycles through a recording; implements ``FrameSource``.
+    """Plays a recording, over and over or once; implements ``FrameSource``.
 
     A shorter frame than was recorded is its beginning, as the sensor itself would have stopped
     listening. A longer one is refused: nobody knows what would have been heard.
@@ -27,17 +28,40 @@ class ReplaySource:
     ----------
     path
         An MCAP recording, or headerless words.
+    rate : float or None
+        1 keeps the recording's own pace: a ping is answered no sooner than it is due. None answers
+        at once.
+    loop
+        Begin again after the last ping.
+    stop
+        Set it to end a wait for a ping; it is set here once there are no more.
 
     Raises
     ------
     RecordingError
         If it cannot be read.
+    SettingsError
+        If there is no such rate.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        rate: float | None = None,
+        loop: bool = True,
+        stop: threading.Event | None = None,
+    ) -> None:
         self._recording = open_recording(path)
-        self._pings: Iterator[RecordedPing] = iter(())
+        self._pace = ReplayPace(self._recording, rate=rate, loop=loop)
+        self._loop = loop
+        self._stop = stop or threading.Event()
         self._warned_num_words = self._recording.info.num_words
+
+    @property
+    def recording(self) -> Recording:
+        """What is played."""
+        return self._recording
 
     @property
     def mark(self) -> Source:
@@ -52,6 +76,8 @@ class ReplaySource:
         RecordingError
             If it is shorter than asked for or of another PDM clock, or the recording is damaged or
             empty.
+        EndOfRecording
+            After the last, unless it loops.
         """
         recorded = self._recording.info.num_words
         if request.pdm_rate_hz != self._recording.info.pdm_rate_hz:
@@ -75,10 +101,10 @@ class ReplaySource:
         return self._next().frame.words[: request.num_words]
 
     def _next(self) -> RecordedPing:
-        ping = next(self._pings, None)
-        if ping is None:
-            self._pings = iter(self._recording)
-            ping = next(self._pings, None)
-        if ping is None:
+        ping = self._pace.wait(self._stop)
+        if ping is not None:
+            return ping
+        if self._loop and not self._stop.is_set():
             raise RecordingError(f"{self._recording.path} holds no pings: record again")
-        return ping
+        self._stop.set()
+        raise EndOfRecording(f"{self._recording.path} has no more pings")

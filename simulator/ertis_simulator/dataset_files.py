@@ -41,7 +41,7 @@ COLUMNS = (
     "quality",
 )
 OPERATOR = "simulated"
-PING_BYTES = 4 * DEFAULT_NUM_WORDS + 8_192  # of a file, truth and all
+PING_BYTES = 4 * DEFAULT_NUM_WORDS + 16_384  # of a file, truth and all
 WEAK_DB = 0.0  # below it, a landmark's own echo is not the strongest thing in its fragment
 _PART = ".part"
 _PERIOD_NS = 100_000_000  # no clock ran: 10 pings a second from the epoch, for reproducible files

@@ -27,7 +27,7 @@ def test_a_kind_that_is_not_installed_says_so(monkeypatch):
 def test_a_replay_opens_with_its_options(tmp_path):
     path = tmp_path / "a:b.bin"  # only the first colon divides
     path.write_bytes(bytes(4 * 32_768))
-    with open_device(f"replay:{path}", realtime=True) as device:
+    with open_device(f"replay:{path}", rate=1.0) as device:
         assert isinstance(device, ReplayDevice)
         assert device.info.address == f"replay:{path}"
         assert device.info.source == "replay"

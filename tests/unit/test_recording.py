@@ -268,7 +268,7 @@ def test_a_replay_of_headerless_words_takes_the_chirp_it_is_told(tmp_path):
 
 
 def test_a_replay_in_real_time_keeps_the_pace(recording):
-    with ReplayDevice(recording, realtime=True) as device:
+    with ReplayDevice(recording, rate=1.0) as device:
         device.configure(Settings())
         device.ping()
         start = time.monotonic()
@@ -278,7 +278,7 @@ def test_a_replay_in_real_time_keeps_the_pace(recording):
 
 
 def test_waiting_for_a_recorded_ping_neither_loses_nor_hurries_it(recording):
-    with ReplayDevice(recording, realtime=True) as device:
+    with ReplayDevice(recording, rate=1.0) as device:
         device.configure(Settings())
         assert device.wait_frame(5.0).ping_index == make_frame(0).ping_index
         with pytest.raises(DeviceTimeout, match="wait again"):

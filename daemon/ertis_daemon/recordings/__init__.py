@@ -1,0 +1,1 @@
+"""What the daemon and its commands do with recordings."""
