@@ -83,6 +83,7 @@ class Soak:
         path.write_text(
             f"device: {{name: {NAME}, address: 'serial:{port}'}}\nping_rate_hz: {self._args.rate}\n"
             f"num_words: {self._args.num_words}\n"
+            "tracker: {max_false_events_per_hour: 3600}\n"  # an event a ping
             f"zenoh: {{connect: [], listen: ['{locator}']}}\n"
         )
         notify = self._folder / "notify"

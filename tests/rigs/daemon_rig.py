@@ -21,6 +21,7 @@ from ertis_driver.replay_source import ReplaySource
 from ertis_simulator.device import open_sim
 
 DEADLINE_S = 40.0
+EAGER = "tracker: {max_false_events_per_hour: 3600}"  # a landmark is announced by its first ping
 
 
 @pytest.fixture(scope="session")
@@ -83,7 +84,7 @@ def start_daemon(tmp_path, landmark_sonar):
         path = tmp_path / "ertis.yaml"
         path.write_text(
             f"device: {{name: t, address: 'serial:{tmp_path / 'port'}'}}\n"
-            f"zenoh: {{{zenoh_text}{listen}}}\n{text}"
+            f"zenoh: {{{zenoh_text}{listen}}}\n{EAGER}\n{text}"
         )
         env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path), **(environment or {})}
         arguments = ["-m", "ertis_daemon.cli", "run", "--config", str(path), "--json"]

@@ -10,6 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 import zenoh
+from daemon_rig import EAGER
 
 from ertis_daemon.config_read import parse_config
 from ertis_daemon.layers import Sources
@@ -365,7 +366,7 @@ def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_s
             frame = sonar.ping()
             for index in range(20):
                 writer.write(PdmFrame(frame.words, index, 10**9 + index * 40_000_000))
-    daemon = run(f"device: {{name: a, address: 'replay:{path}'}}\nping_on: command\n")
+    daemon = run(f"device: {{name: a, address: 'replay:{path}'}}\nping_on: command\n{EAGER}\n")
     subscriber = daemon.session.declare_subscriber(
         "ertis/a/landmarks", zenoh.handlers.FifoChannel(100)
     )
@@ -397,7 +398,7 @@ def test_a_silent_device_is_tried_again_until_it_speaks(run, cables, bare_pty):
 
 
 def test_tracks_are_not_lost_to_a_clock_that_is_set(heard_landmarks):
-    config = parse_config(b"")
+    config = parse_config(EAGER.encode())
     pipeline = build_pipeline(config, config.settings())
     (ping,) = read_recording(heard_landmarks)
     noise = np.random.default_rng(1).integers(0, 2**32, config.num_words, dtype=np.uint32)
