@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import resample_poly
 
 from ertis_driver.chirp import (
     DAC_IDLE_CODE,
@@ -112,6 +111,8 @@ class CustomChirp:
             raise SettingsError(f"sample rate {rate_hz} Hz, expected a whole number above 0")
         common = math.gcd(int(rate_hz), self.dac_rate_hz)
         size = round(self.duration_s * rate_hz) + 1
+        from scipy.signal import resample_poly  # 75 MB and seconds: only who needs it pays
+
         resampled = resample_poly(samples, int(rate_hz) // common, self.dac_rate_hz // common)
         return np.asarray(np.clip(resampled[:size], -1.0, 1.0))
 

@@ -39,7 +39,7 @@ class Sources:
 
     def files(self) -> tuple[Path, ...]:
         """The files that are there, the weakest first; the one named, there or not."""
-        found = [path for path in (self.system_file, self._user_file()) if path and path.exists()]
+        found = [path for path in (self.system_file, self._user_file()) if path and _exists(path)]
         if self.file is not None and self.file not in found:
             found.append(self.file)
         return tuple(found)
@@ -81,3 +81,11 @@ class Sources:
 
     def _flags(self) -> list[tuple[str, str, str]]:
         return [(key, text, "command line") for key, text in (self.flags or {}).items()]
+
+
+def _exists(path: Path) -> bool:
+    """Whether it is there, as far as we may see: a service may be shut out of its home."""
+    try:
+        return path.exists()
+    except OSError:
+        return False

@@ -77,15 +77,20 @@ class Answers(Closing):
         self._done.set()
         if self._thread is not threading.current_thread():
             self._thread.join(JOIN_S)
+        for queryable in self._queryables.values():
+            queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._queryables = {}
 
     def _run(self) -> None:
         while not self._done.wait(POLL_S):
-            for name, queryable in self._queryables.items():
+            for name, queryable in tuple(self._queryables.items()):
                 try:
                     while (query := queryable.try_recv()) is not None:
                         self._answer(name, query)
                 except zenoh.ZError as error:
                     log.warning("a query for %s went unanswered: %s", name, one_line(error))
+                except Exception:
+                    log.exception("a query for %s went unanswered", name)
 
     def _answer(self, name: str, query: zenoh.Query) -> None:
         with query:  # dropped at the end, so that the asker's get ends
@@ -106,12 +111,7 @@ class Answers(Closing):
                 log.exception("command %s failed", command)
             query.reply_err(dump_json({"error": str(error)}), encoding=JSON)
             return
-        query.reply(
-            f"{self._base}/{name}",
-            dump_json(reply),
-            encoding=JSON,
-            priority=zenoh.Priority.DATA_HIGH,
-        )
+        query.reply(f"{self._base}/{name}", dump_json(reply), encoding=JSON)
 
 
 def _parameters(query: zenoh.Query) -> dict[str, str]:

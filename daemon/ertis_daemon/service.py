@@ -63,6 +63,8 @@ class Service:
         Called by the loop as long as pinging and processing go on: feeds the watchdog.
     reporter
         Publishes the status.
+    stall_s
+        A driver that does not return for so long hangs.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class Service:
         recorder: Recorder | None = None,
         beat: Callable[[], None] = _nothing,
         reporter: Reporter | None = None,
+        stall_s: float = STALL_S,
     ) -> None:
         self.status = status or Status()
         self.stop = stop or threading.Event()
@@ -89,6 +92,7 @@ class Service:
         self._recorder = recorder
         self._beat = beat
         self._reporter = reporter or Reporter(self.status, publisher)
+        self._stall_s = stall_s
         self._microphones = MicrophoneWatch()
         self._failures = 0
         self._halt = threading.Event()
@@ -146,11 +150,11 @@ class Service:
             ping = queue.get(POLL_S)
             if ping is not None:
                 self._process(ping)
-            if time.monotonic() - acquisition.sign_of_life_s < STALL_S:
+            if time.monotonic() - acquisition.sign_of_life_s < self._stall_s:
                 self._beat()
             elif self.status.state != "stalled":
                 self.status.state = "stalled"
-                log.error("the driver has not returned for %g s", STALL_S)
+                log.error("the driver has not returned for %g s", self._stall_s)
             self._reporter.tick()
         if not self.stop.is_set():
             queue.get(0.0)  # raises what the acquisition ended with

@@ -1,10 +1,18 @@
 import os
 import select
+import socket
 import threading
 import tty
 
 import numpy as np
 import pytest
+from daemon_rig import (  # noqa: F401  # fixtures
+    heard_landmarks,
+    landmark_sonar,
+    open_zenoh,
+    start_daemon,
+    start_program,
+)
 
 from ertis_driver.emulator import Emulator
 from ertis_driver.firmware import FirmwareState
@@ -112,3 +120,15 @@ def emulator_pair():
     with Emulator(first) as a, Emulator(second) as b:
         b.state = FirmwareState(second, trigger_form="windows")
         yield (a.path, first), (b.path, second)
+
+
+@pytest.fixture
+def free_locator():
+    """A function that finds a Zenoh locator nobody listens on."""
+
+    def find():
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+    return find

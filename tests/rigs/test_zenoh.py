@@ -1,10 +1,15 @@
 """Real Zenoh sessions on localhost; the readers here share no code with the publisher."""
 
+import contextlib
+import fcntl
 import json
+import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
+import termios
 import time
 
 import jsonschema
@@ -284,6 +289,46 @@ def test_a_signal_ends_the_monitor_at_once_and_in_silence(publisher, locator, nu
         assert time.monotonic() - start < 5.0  # 0.1 s as a rule
         assert monitor.returncode == code
         assert monitor.stderr.read() == ""
+    finally:
+        monitor.kill()
+        monitor.communicate()
+
+
+def test_on_a_terminal_the_monitor_is_a_live_table_and_leaves_it_as_it_was(publisher, locator):
+    publisher.publish_status({"state": "running", "source": "sim", "ping_rate_hz": 27.5})
+    master, slave = os.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    command = [sys.executable, "-m", "ertis_daemon.cli", "monitor", "--connect", locator]
+    monitor = subprocess.Popen(command, stdout=slave, stderr=subprocess.PIPE)
+    os.close(slave)
+    os.set_blocking(master, False)
+    seen = bytearray()
+
+    def shows(text):
+        with contextlib.suppress(BlockingIOError, OSError):
+            seen.extend(os.read(master, 65_536))
+        return text in seen
+
+    try:
+        wait_for(lambda: shows(b"t  running  sim  |  27.5 pings/s"))
+        publisher.publish(event(0))
+        wait_for(lambda: shows(b"r48  90 %   1.000 m"))
+        assert seen.startswith(b"\x1b[?1049h")
+        monitor.send_signal(signal.SIGINT)
+        wait_for(lambda: shows(b"\x1b[?1049l"))
+        assert monitor.wait(DEADLINE_S) == 130
+        assert monitor.stderr.read() == b""
+    finally:
+        monitor.kill()
+        monitor.communicate()
+        os.close(master)
+
+
+def test_a_monitor_that_nobody_talks_to_says_what_to_do(locator):
+    monitor = start_monitor(locator, "--json")
+    try:
+        line = monitor.stderr.readline()
+        assert line.startswith(f"ertis: nobody at {locator} yet; --connect wants a Zenoh router")
     finally:
         monitor.kill()
         monitor.communicate()

@@ -7,6 +7,7 @@ import pytest
 
 from ertis_daemon.cli import COMMANDS, main
 from ertis_daemon.cli.monitor import format_event
+from ertis_daemon.cli.monitor_table import Board
 
 
 def in_process_of_its_own(code):
@@ -72,6 +73,51 @@ def test_each_error_in_a_configuration_is_one_line_and_exit_code_1(tmp_path, cap
 def test_a_flag_is_checked_like_the_file(capsys):
     assert main(["run", "--device", "a/b"]) == 1
     assert "device.name: 'a/b', expected a Zenoh key chunk" in capsys.readouterr().err
+
+
+def test_the_daemon_imports_nothing_that_costs_it_seconds_or_memory():
+    code = (
+        "import sys\n"
+        "from ertis_daemon.cli import main\n"
+        "from ertis_daemon.serving.daemon import Daemon\n"
+        "import ertis_detector.detector, ertis_detector.model, ertis_detector.tracker\n"
+        "heavy = {'scipy.signal', 'scipy.stats', 'sklearn', 'numba', 'matplotlib'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
+    )
+    done = in_process_of_its_own(code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_live_table_shows_what_each_sonar_said_last():
+    board = Board("tcp/robot:1")
+    assert board.lines(0.0)[0].startswith("no sonar heard of at tcp/robot:1 yet; --connect wants")
+    mark = {
+        "class": "r48",
+        "probabilities": {"r48": 0.9},
+        "azimuth_rad": 0.1,
+        "elevation_rad": None,
+        "state": "update",
+    }
+    far = {**mark, "track_id": 1, "range_m": 3.0}
+    near = {**mark, "track_id": 2, "range_m": 1.0}
+    board.take_event({"device": "b", "source": "sim", "landmarks": [far, near]}, 0.0)
+    status = {"state": "running", "source": "live", "ping_rate_hz": 27.5, "pings_lost": 3}
+    board.take_status("a", {**status, "microphones_faulty": {"5": "stuck"}}, 0.0)
+    lines = board.lines(1.0)
+    assert lines[0].startswith("a  running  live  |  27.5 pings/s  |  3 lost")
+    assert "microphones 5 stuck" in lines[0]
+    assert lines[1] == "  no landmark"
+    assert lines[3] == "b  sim"
+    assert " 1.000 m" in lines[4]
+    assert " 3.000 m" in lines[5]
+    board.take_event(
+        {"device": "b", "source": "sim", "landmarks": [{**near, "state": "lost"}]}, 1.0
+    )
+    assert not any(" 1.000 m" in line for line in board.lines(1.1)), "lost"
+    assert not any(" 3.000 m" in line for line in board.lines(2.1)), "stale"
+    assert board.lines(5.0)[0] == "a  SILENT for 5 s"
+    with pytest.raises(KeyError):
+        board.take_event({"device": "c"}, 0.0)
 
 
 def test_truth_without_a_scene_is_refused(tmp_path, capsys):

@@ -279,3 +279,8 @@ def test_a_broken_list_in_the_environment_is_one_line(layered):
 def test_record_settings_reach_their_section():
     config = parse_config(b"record: {on: [new, dead], before_s: 0.5}\n")
     assert config.record == RecordConfig(on=("new", "dead"), before_s=0.5)
+
+
+def test_a_home_that_may_not_be_looked_into_is_no_error(tmp_path):
+    environment = {"XDG_CONFIG_HOME": str(tmp_path / ("x" * 300))}  # as useless to any user
+    assert Sources(system_file=tmp_path / "none", environment=environment).load() == Config()

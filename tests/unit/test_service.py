@@ -1,18 +1,22 @@
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
-from ertis_daemon.config import Config
+from ertis_daemon.config import Config, RecordConfig
 from ertis_daemon.frame_queue import FrameQueue, HeardPing
 from ertis_daemon.pipeline import Heard
+from ertis_daemon.recording.recorder import Recorder
 from ertis_daemon.service import Service, ServiceError
+from ertis_daemon.status import Status
 from ertis_detector.detection import Detection
+from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.device import DeviceInfo, Settings
 from ertis_driver.errors import DeviceLost, DeviceTimeout, EndOfRecording, FrameCorrupt, PingLost
 from ertis_driver.frame import PdmFrame
+from ertis_driver.recording import RecordingInfo, read_recording
 
 WORDS = np.zeros(10, np.uint32)
 DETECTION = Detection(
@@ -212,3 +216,100 @@ def test_a_publisher_that_fails_costs_a_ping_only():
     service = Service(ListSonar(range(3)), OneTrack(), Failing(), Config())
     status = service.run()
     assert (status.pings_failed, status.events) == (1, 2)
+
+
+def test_a_ping_that_cannot_be_processed_is_logged_by_its_index_and_kept(tmp_path, caplog):
+    status = Status()
+    recorder = Recorder(
+        RecordConfig(folder=str(tmp_path), keep_free_mb=0), "s", status, keeps_ring=False
+    )
+    info = RecordingInfo(source="sim", chirp=DEFAULT_CHIRP, num_words=WORDS.size)
+    recorder.begin(info)
+    service = Service(
+        ListSonar(range(5)), OneTrack(fail=(3,)), ListPublisher(), Config(), recorder=recorder
+    )
+    service.run()
+    recorder.close()
+    assert [e.ping_index for e in service._publisher.events] == [0, 1, 2, 4]
+    (path,) = tmp_path.iterdir()
+    assert path.name.endswith("-failed-ping-3.mcap")
+    assert [ping.frame.ping_index for ping in read_recording(path)] == [3]
+    (told,) = [record for record in caplog.records if record.levelname == "ERROR"]
+    assert told.getMessage() == f"ping 3 could not be processed, it is kept: {path}"
+    assert "ValueError: bad ping" in caplog.text
+
+
+def test_what_fails_after_the_event_is_out_costs_neither_event_nor_ping(caplog):
+    class NoRaw(ListPublisher):
+        def publish_raw(self, frame):
+            raise OSError("no way out")
+
+    service = Service(ListSonar(range(3)), OneTrack(), NoRaw(), Config())
+    status = service.run()
+    assert (status.events, status.pings_failed) == (3, 0)
+    assert "its event is out, the rest failed" in caplog.text
+
+
+def test_the_watchdog_is_fed_by_the_loop_and_starves_when_the_driver_hangs():
+    beats, release = [], threading.Event()
+
+    class Hanging(ListSonar):
+        def ping(self, *, active=True):
+            if self.times:
+                release.wait(10.0)
+            return super().ping(active=active)
+
+    service = Service(
+        Hanging(range(2), live=True),
+        OneTrack(),
+        ListPublisher(),
+        Config(),
+        beat=lambda: beats.append(time.monotonic()),
+        stall_s=0.3,
+    )
+    running = threading.Thread(target=service.run)
+    running.start()
+    try:
+        deadline = time.monotonic() + 10.0
+        while service.status.state != "stalled":
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        assert beats
+        count = len(beats)
+        time.sleep(0.4)
+        assert len(beats) == count
+        assert service._publisher.statuses[-1]["state"] == "stalled"
+    finally:
+        release.set()
+        running.join()
+    assert service.status.state == "running"
+
+
+def test_a_clock_that_was_set_is_counted():
+    class Stepping(ListSonar):
+        def ping(self, *, active=True):
+            frame = super().ping(active=active)
+            return replace(frame, clock_step_ns=10**9 if frame.ping_index == 2 else 0)
+
+    service = Service(Stepping(range(5)), OneTrack(), ListPublisher(), Config())
+    assert service.run().clock_steps == 1
+
+
+def test_a_new_landmark_starts_a_recording_and_a_known_one_does_not(tmp_path):
+    class New(OneTrack):
+        def process(self, frame):
+            heard = super().process(frame)
+            state = "new" if frame.ping_index == 2 else "update"
+            return replace(heard, tracks=[ListedTrack(state=state)])
+
+    config = Config(
+        record=RecordConfig(folder=str(tmp_path), on=("new",), keep_free_mb=0, after_s=0.0)
+    )
+    recorder = Recorder(config.record, "s", Status(), keeps_ring=True)
+    recorder.begin(RecordingInfo(source="sim", chirp=DEFAULT_CHIRP, num_words=WORDS.size))
+    sonar = ListSonar(range(6), pause_s=0.01)
+    Service(sonar, New(), ListPublisher(), config, recorder=recorder).run()
+    recorder.close()
+    (path,) = tmp_path.iterdir()
+    assert path.name.endswith("-new.mcap")
+    assert {0, 1, 2} <= {ping.frame.ping_index for ping in read_recording(path)}

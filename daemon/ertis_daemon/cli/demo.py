@@ -110,7 +110,8 @@ class Demo:
         path = self._folder / "ertis.yaml"
         path.write_text(example_yaml(config))
         # The monitor goes first and keeps trying, so that no event is missed.
-        self._run("monitor", ["monitor", "--connect", locator, "--log", str(self._events)], None)
+        arguments = ["monitor", "--lines", "--connect", locator, "--log", str(self._events)]
+        self._run("monitor", arguments, None)
         with self._counters.open("wb") as file:
             self._run("daemon", ["run", "--config", str(path), "--json"], file)
 

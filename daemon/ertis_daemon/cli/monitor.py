@@ -17,6 +17,8 @@ from ertis_daemon.cli.signals import StopFlag, stop_on_signals
 POLL_S = 0.02  # a blocking recv would not see a signal
 EVENTS_WAITING = 1024  # half a minute at 30 a second; then the oldest is dropped
 HISTORY = 32  # what the daemon keeps
+ALONE_S = 3.0  # with nobody to hear from, before that is said
+HINT = "--connect wants a Zenoh router, or what the daemon listens on (zenoh.listen)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,10 +59,26 @@ def run(args: argparse.Namespace) -> int:
         topic = "status" if args.json and args.status else "landmarks"
         events = _declare(session, f"ertis/{args.device}/{topic}")
         if args.json or args.lines or not sys.stdout.isatty():
-            return _follow(events, _print_raw if args.json else _print_lines, log, args.count, flag)
+            show = _print_raw if args.json else _print_lines
+            return _follow(events, show, log, args.count, flag, _hint(session, connect))
         statuses = _declare(session, f"ertis/{args.device}/status")
-        table = stack.enter_context(LiveTable(statuses.try_recv))
+        table = stack.enter_context(LiveTable(statuses.try_recv, ", ".join(connect)))
         return _follow(events, table.show, log, args.count, flag, table.refresh)
+
+
+def _hint(session: Any, connect: list[str]) -> Callable[[], None]:
+    """Say once, after a while, that nobody is there to hear from."""
+    due_s = time.monotonic() + ALONE_S
+
+    def hint() -> None:
+        nonlocal due_s
+        if time.monotonic() < due_s:
+            return
+        due_s = math.inf
+        if not (session.info.routers_zid() or session.info.peers_zid()):
+            print(f"ertis: nobody at {', '.join(connect)} yet; {HINT}", file=sys.stderr)
+
+    return hint
 
 
 def _follow(
@@ -69,12 +87,11 @@ def _follow(
     log: Any,
     count: int,
     flag: StopFlag,
-    idle: Callable[[], None] | None = None,
+    idle: Callable[[], None],
 ) -> int:
     seen = 0
     while not flag.event.is_set() and (seen < count or not count):
-        if idle:
-            idle()
+        idle()
         sample = events.try_recv()
         if sample is None:
             time.sleep(POLL_S)

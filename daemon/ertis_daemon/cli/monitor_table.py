@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ertis_daemon.cli.monitor import format_landmark, number
+from ertis_daemon.cli.monitor import HINT, format_landmark, number
 from ertis_driver.closing import Closing
 
 REFRESH_S = 0.2
@@ -21,9 +21,10 @@ _HOME, _TO_END_OF_LINE, _TO_END = "\x1b[H", "\x1b[K", "\x1b[J"
 
 
 class Board:
-    """What was last said by each sonar, and of each landmark."""
+    """What was last said by each sonar, and of each landmark; ``place`` is where it listens."""
 
-    def __init__(self) -> None:
+    def __init__(self, place: str) -> None:
+        self._place = place
         self._statuses: dict[str, tuple[float, Mapping[str, Any]]] = {}
         self._tracks: dict[tuple[str, int], tuple[float, Mapping[str, Any]]] = {}
         self._sources: dict[str, str] = {}
@@ -55,7 +56,7 @@ class Board:
         }
         devices = sorted({*self._statuses, *(device for device, _ in self._tracks)})
         if not devices:
-            return ["no sonar heard of yet; is the daemon running?"]
+            return [f"no sonar heard of at {self._place} yet; {HINT}"]
         lines = []
         for device in devices:
             lines += [self._head(device, now_s), *self._landmarks(device), ""]
@@ -96,10 +97,12 @@ class LiveTable(Closing):
     ----------
     next_status
         Returns the next status sample that waits, or None.
+    place
+        Where it listens, for people.
     """
 
-    def __init__(self, next_status: Callable[[], Any]) -> None:
-        self._board = Board()
+    def __init__(self, next_status: Callable[[], Any], place: str) -> None:
+        self._board = Board(place)
         self._next_status = next_status
         self._due_s = 0.0
         self._is_open = True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +12,6 @@ from typing import TYPE_CHECKING
 from ertis_daemon.cli.signals import stop_on_signals
 
 if TYPE_CHECKING:
-    from ertis_daemon.serving.daemon import Daemon
     from ertis_daemon.status import Status
 
 
@@ -32,23 +32,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped by a signal, the end of recordings or ``--max-pings``."""
-    daemon: Daemon | None = None
+    # All that takes time to import, before signals are handled: until then, one ends it at once.
+    import ertis_detector.detector
+    import ertis_detector.model
+    import ertis_detector.tracker  # noqa: F401
+    from ertis_daemon.layers import Sources
+    from ertis_daemon.memory import keep_freed_memory
+    from ertis_daemon.serving.daemon import Daemon
+    from ertis_daemon.serving.journal import log_to_stderr
 
-    def hang_up() -> None:
-        if daemon is not None:
-            daemon.hang_up()
-
-    with stop_on_signals(hang_up=None if sys.stderr.isatty() else hang_up) as flag:
-        from ertis_daemon.layers import Sources
-        from ertis_daemon.memory import keep_freed_memory
-        from ertis_daemon.serving.daemon import Daemon
-        from ertis_daemon.serving.journal import log_to_stderr
-
-        log_to_stderr(verbose=args.verbose)
-        keep_freed_memory()
-        sources = Sources(args.config, _flags(args))
-        config = sources.load()
-        daemon = Daemon(config, flag.event, sources)
+    log_to_stderr(verbose=args.verbose)
+    keep_freed_memory()
+    sources = Sources(args.config, _flags(args))
+    config = sources.load()
+    stop = threading.Event()
+    daemon = Daemon(config, stop, sources)
+    hang_up = None if sys.stderr.isatty() else daemon.hang_up
+    with stop_on_signals(stop, hang_up=hang_up) as flag:
         statuses = daemon.run()
     _tell(statuses, as_json=args.json)
     return 130 if flag.interrupted else 0

@@ -18,14 +18,17 @@ class StopFlag:
         It was Ctrl-C.
     """
 
-    def __init__(self) -> None:
-        self.event = threading.Event()
+    def __init__(self, event: threading.Event | None = None) -> None:
+        self.event = event or threading.Event()
         self.interrupted = False
 
 
 @contextmanager
 def stop_on_signals(
-    *, patient: bool = False, hang_up: Callable[[], None] | None = None
+    event: threading.Event | None = None,
+    *,
+    patient: bool = False,
+    hang_up: Callable[[], None] | None = None,
 ) -> Iterator[StopFlag]:
     """Turn SIGINT, SIGTERM and SIGHUP into a flag; a second Ctrl-C raises KeyboardInterrupt.
 
@@ -36,7 +39,7 @@ def stop_on_signals(
     Only for the main thread. Python runs the handler between two bytecodes of that thread, so
     what it does meanwhile must not block for long.
     """
-    flag = StopFlag()
+    flag = StopFlag(event)
 
     def handle(number: int, frame: FrameType | None) -> None:
         if number == signal.SIGHUP and hang_up is not None:

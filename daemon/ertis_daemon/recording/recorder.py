@@ -71,7 +71,7 @@ class Recorder(Closing):
         self._info: RecordingInfo | None = None
         self._changed = threading.Condition()
         self._now: _Recording | None = None
-        self._waiting: deque[_Recording] = deque(maxlen=4)
+        self._waiting: deque[_Recording] = deque(maxlen=MAX_SAVED + 4)
         self._saved = 0
         self._closed = False
         self._thread: threading.Thread | None = None
@@ -138,12 +138,13 @@ class Recorder(Closing):
         with self._changed:
             if self._saved >= MAX_SAVED or self._info is None:
                 return None
-            self._saved += 1
             try:
-                return self._start(reason, [frame], time.monotonic()).path
+                path = self._start(reason, [frame], time.monotonic()).path
             except NoRoom as error:
                 self._failed(error)
                 return None
+            self._saved += 1
+            return path
 
     def close(self) -> None:
         """Finish what is under way, in bounded time. May be called twice."""
@@ -208,6 +209,8 @@ class Recorder(Closing):
             if not writer.pings_written:  # a full disk: what came before it is worth keeping
                 with suppress(OSError):
                     recording.path.unlink()
+        if not writer.pings_written:
+            raise NoRoom(f"no ping came for {recording.path}")
         log.info("recorded %d pings: %s", writer.pings_written, recording.path)
         if recording.missed:
             log.warning(

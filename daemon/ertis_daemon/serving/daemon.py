@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 POLL_S = 0.05
 LOOK_S = 1.0  # at routers
 JOIN_S = 2.5  # all sonars together; with leaving the network, still under 5 s
-RELOAD_S = 10.0  # patience of who asked for it
+RELOAD_S = 20.0  # patience of who asked for it
 
 
 class Daemon:

@@ -17,6 +17,7 @@ from ertis_daemon.recording.recorder import Recorder
 from ertis_daemon.service import Service, ServiceError
 from ertis_daemon.serving.about import sonar_info
 from ertis_daemon.serving.outputs import Publisher
+from ertis_daemon.serving.reload import check_models
 from ertis_daemon.serving.reporter import Reporter
 from ertis_daemon.status import State, Status
 from ertis_daemon.turns import Turns
@@ -167,6 +168,7 @@ class SonarLife(threading.Thread):
 
     def _serve(self, stop: threading.Event) -> None:
         config = self.config
+        check_models((config,))  # a wrong one is said at once, not when the device is there
         if self.status.state not in ("waiting", "failed"):
             self.status.state = "starting"
         with ExitStack() as stack:

@@ -1,0 +1,413 @@
+"""The daemon as a whole: real Zenoh, firmware emulators behind ptys, the shipped model."""
+
+import itertools
+import json
+import threading
+import time
+import urllib.request
+
+import jsonschema
+import numpy as np
+import pytest
+import zenoh
+
+from ertis_daemon.config_read import parse_config
+from ertis_daemon.layers import Sources
+from ertis_daemon.pipeline import build_pipeline
+from ertis_daemon.serving.daemon import Daemon
+from ertis_driver.chirp import DEFAULT_CHIRP
+from ertis_driver.emulator import Emulator
+from ertis_driver.frame import PdmFrame
+from ertis_driver.protocol import decode_frame
+from ertis_driver.recording import RecordingInfo, RecordingWriter, read_recording
+
+NUM_WORDS = 65_536  # the fewest that the chirp can be looked for in
+DEADLINE_S = 30.0
+
+
+class Source:
+    """Noise, and when each frame was asked for."""
+
+    def __init__(self):
+        self.times_s = []
+
+    def next_frame(self, request):
+        self.times_s.append(time.monotonic())
+        rng = np.random.default_rng(request.index)
+        return rng.integers(0, 2**32, request.num_words, dtype=np.uint32)
+
+
+class Cable:
+    """The link that udev makes, to whatever is plugged in."""
+
+    def __init__(self, path):
+        self.path = path
+        self.source = Source()
+        self.emulator = None
+
+    def plug(self, **options):
+        self.emulator = Emulator(self.source, link=self.path, **options)
+        self.emulator.start()
+        return self
+
+    def unplug(self):
+        if self.emulator is not None:
+            self.emulator.close()
+            self.emulator = None
+
+
+@pytest.fixture
+def cables(tmp_path):
+    made = {}
+
+    def cable(name):
+        return made.setdefault(name, Cable(tmp_path / f"port-{name}"))
+
+    yield cable
+    for one in made.values():
+        one.unplug()
+
+
+class Running:
+    """A daemon in a thread, and a reader that shares no code with it."""
+
+    def __init__(self, text, locator, folder):
+        self.file = folder / "ertis.yaml"
+        self.text = f"num_words: {NUM_WORDS}\n"
+        self.zenoh = f"connect: [], listen: ['{locator}'], commands: true, raw: true"
+        self.configure(text)
+        sources = Sources(self.file, system_file=folder / "none", environment={})
+        self.stop = threading.Event()
+        self.daemon = Daemon(sources.load(), self.stop, sources)
+        self.error = None
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([locator]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        self.session = self._open(config)
+
+    def configure(self, text):
+        self.file.write_text(f"{self.text}zenoh: {{{self.zenoh}}}\n{text}")
+
+    def _run(self):
+        try:
+            self.daemon.run()
+        except Exception as error:  # noqa: BLE001  # shown to the test
+            self.error = error
+
+    def _open(self, config):
+        deadline = time.monotonic() + DEADLINE_S
+        while True:
+            try:
+                return zenoh.open(config)
+            except zenoh.ZError:
+                assert time.monotonic() < deadline
+                assert self.thread.is_alive(), self.error
+                time.sleep(0.05)
+
+    def ask(self, key, ok=True):
+        replies = list(self.session.get(key, timeout=25.0))
+        told = [reply.ok if ok else reply.err for reply in replies]
+        assert all(told), [r.err and r.err.payload.to_bytes() for r in replies]
+        return [json.loads(one.payload.to_bytes()) for one in told]
+
+    def status(self, name):
+        return next(iter(self.ask(f"ertis/{name}/status")), {})
+
+    def wait(self, name, **wanted):
+        def fits():
+            assert self.thread.is_alive(), self.error
+            status = self.status(name)
+            return all(
+                status.get(key, 0) >= value if isinstance(value, int) else status.get(key) == value
+                for key, value in wanted.items()
+            )
+
+        wait_for(fits, lambda: self.status(name))
+        return self.status(name)
+
+    def end(self):
+        self.stop.set()
+        self.session.close()
+        self.thread.join(DEADLINE_S)
+        assert not self.thread.is_alive()
+
+
+def wait_for(condition, told=lambda: ""):
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, told()
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def run(tmp_path, free_locator):
+    running = []
+
+    def run(text):
+        running.append(Running(text, free_locator(), tmp_path))
+        return running[-1]
+
+    yield run
+    for one in running:
+        one.end()
+
+
+def two(cables, extra=""):
+    return "".join(
+        f"sonars: {{a: {{device: {{address: 'serial:{cables('a').path}'}}{extra}}},"
+        f" b: {{device: {{address: 'serial:{cables('b').path}'}}{extra}}}}}\n"
+    )
+
+
+def test_one_sonar_that_dies_and_comes_back_does_not_disturb_the_other(run, cables):
+    for name in "ab":
+        cables(name).plug()
+    daemon = run(two(cables, ", ping_rate_hz: 20"))
+    daemon.wait("a", state="running", pings_heard=3)
+    before = daemon.wait("b", state="running", pings_heard=3)
+    cables("a").unplug()
+    daemon.wait("a", state="away", pings_away=1)
+    heard = daemon.wait("a", state="away")["pings_heard"]
+    during = daemon.wait("b", pings_heard=before["pings_heard"] + 10)
+    assert during["state"] == "running"
+    assert during["pings_lost"] == during["pings_away"] == 0
+    cables("a").plug()
+    back_s = time.monotonic()
+    daemon.wait("a", state="running", pings_heard=heard + 1)
+    assert time.monotonic() - back_s < DEADLINE_S
+    assert daemon.status("b")["starts"] == 1
+    assert [str(r.ok.key_expr) for r in daemon.session.liveliness().get("ertis/*/alive")]
+
+
+def test_a_device_that_is_missing_at_the_start_is_waited_for(run, cables):
+    daemon = run(f"device: {{name: a, address: 'serial:{cables('a').path}'}}\n")
+    status = daemon.wait("a", state="waiting")
+    assert status["reason"].startswith("DeviceNotFound: no device at")
+    (info,) = daemon.ask("ertis/a/info")
+    assert "firmware" not in info
+    cables("a").plug()
+    daemon.wait("a", state="running", pings_heard=2)
+    (info,) = daemon.ask("ertis/a/info")
+    assert (info["firmware"], info["source"], info["transform"]) == ("2.3.4", "sim", None)
+
+
+def test_what_is_wrong_with_one_sonar_ends_that_one_only_and_a_reload_heals_it(
+    run, cables, tmp_path
+):
+    cables("a").plug()
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(b"\x89MCAP0\r\nrubbish")
+    good = f"a: {{device: {{address: 'serial:{cables('a').path}'}}}}"
+    daemon = run(f"sonars: {{{good}, b: {{device: {{address: 'replay:{bad}'}}}}}}\n")
+    status = daemon.wait("b", state="failed")
+    assert status["reason"].startswith("RecordingError: ")
+    daemon.wait("a", state="running", pings_heard=2)
+
+    daemon.configure(f"sonars: {{{good}, b: {{queue_size: 0}}}}\n")
+    (refused,) = daemon.ask("ertis/a/cmd/reload", ok=False)
+    assert "queue_size: 0, expected 1 to 64" in refused["error"]
+    starts = daemon.status("a")["starts"]
+
+    cables("b").plug()
+    daemon.configure(
+        f"sonars: {{{good}, b: {{device: {{address: 'serial:{cables('b').path}'}}, "
+        f"pose: {{parent_frame: base_link}}}}}}\nprometheus: {{listen: 'localhost:1'}}\n"
+    )
+    (reply,) = daemon.ask("ertis/b/cmd/reload")
+    assert reply["said"] == [
+        "b: opened again, for device.address, pose.parent_frame",
+        "prometheus: changed, which needs a restart of the daemon",
+    ]
+    daemon.wait("b", state="running", pings_heard=2)
+    assert daemon.ask("ertis/b/info")[0]["transform"]["child_frame_id"] == "b_sonar"
+    assert daemon.status("a")["starts"] == starts
+
+    daemon.configure(f"sonars: {{{good}}}\n")
+    assert "b: removed" in daemon.ask("ertis/a/cmd/reload")[0]["said"]
+    wait_for(lambda: daemon.ask("ertis/b/status") == [])
+
+
+def test_sonars_that_take_turns_never_listen_at_the_same_time(run, cables):
+    for name in "ab":
+        cables(name).plug()
+    daemon = run(two(cables, ", take_turns: room"))
+    for name in "ab":
+        daemon.wait(name, pings_heard=12)
+    pings = sorted((at, name) for name in "ab" for at in cables(name).source.times_s[1:12])
+    listening_s = NUM_WORDS / 4.5e6
+    gaps = [later[0] - sooner[0] for sooner, later in itertools.pairwise(pings)]
+    assert min(gaps) > listening_s
+    changes = sum(x[1] != y[1] for x, y in itertools.pairwise(pings))
+    assert changes > 15, "one after the other"
+
+
+def test_pings_on_command_come_when_asked_for_and_not_before(run, cables):
+    cables("a").plug()
+    daemon = run(f"device: {{name: a, address: 'serial:{cables('a').path}'}}\nping_on: command\n")
+    daemon.wait("a", state="running")
+    time.sleep(0.3)
+    assert daemon.status("a")["pings_heard"] == 0
+    (reply,) = daemon.ask("ertis/a/cmd/ping?count=3")
+    assert reply == {"waiting": 3}
+    daemon.wait("a", pings_heard=3)
+    time.sleep(0.3)
+    assert daemon.status("a")["pings_heard"] == 3
+    for key, words in [
+        ("ping?count=0", "count '0', expected 1 to 100"),
+        ("ping?count=x", "count 'x', expected 1 to 100"),
+        ("ping?cuont=1", "unknown parameter 'cuont', expected count"),
+        ("reload?x=1", "unknown parameter 'x', expected none"),
+        ("record?before_s=1e9", "before_s '1e9', expected 0 to 2"),
+    ]:
+        (refused,) = daemon.ask(f"ertis/a/cmd/{key}", ok=False)
+        assert words in refused["error"]
+
+
+def test_an_external_trigger_pings_and_its_silence_is_no_fault(run, cables):
+    cable = cables("a").plug()
+    daemon = run(f"device: {{name: a, address: 'serial:{cable.path}'}}\nping_on: pin2\n")
+    daemon.wait("a", state="running")
+    time.sleep(0.5)
+    cable.emulator.trigger(1)
+    cable.emulator.trigger(2)
+    status = daemon.wait("a", pings_heard=1)
+    assert (status["timeouts"], status["pings_heard"]) == (0, 1)
+
+
+def test_the_pings_before_a_command_are_recorded_as_the_device_sent_them(run, cables, tmp_path):
+    cable = cables("a").plug()
+    daemon = run(
+        f"device: {{name: a, address: 'serial:{cable.path}'}}\nping_rate_hz: 20\n"
+        f"record: {{folder: '{tmp_path}/rec', keep_free_mb: 0}}\n"
+    )
+    daemon.wait("a", pings_heard=6)
+    (reply,) = daemon.ask("ertis/a/cmd/record?before_s=2;after_s=0.2")
+    daemon.wait("a", recordings=1)
+    recording = read_recording(reply["path"])
+    pings = list(recording)
+    assert len(pings) >= 6
+    assert (recording.info.source, recording.info.firmware) == ("sim", "2.3.4")
+    first = pings[0].frame
+    rng = np.random.default_rng(first.ping_index)
+    assert np.array_equal(first.words, rng.integers(0, 2**32, NUM_WORDS, dtype=np.uint32))
+
+
+def test_a_raw_frame_is_what_the_device_sent_and_only_goes_to_who_listens(run, cables):
+    cable = cables("a").plug()
+    daemon = run(f"device: {{name: a, address: 'serial:{cable.path}'}}\nping_rate_hz: 20\n")
+    daemon.wait("a", pings_heard=2)
+    subscriber = daemon.session.declare_subscriber("ertis/a/raw", zenoh.handlers.RingChannel(4))
+    sample = subscriber.recv()
+    about = json.loads(sample.attachment.to_bytes())
+    raw = decode_frame(sample.payload.to_bytes())
+    assert about["ping_index"] == raw.index
+    assert about["active"] is True
+    assert sample.priority == zenoh.Priority.BACKGROUND
+    rng = np.random.default_rng(raw.index)
+    assert np.array_equal(raw.words, rng.integers(0, 2**32, NUM_WORDS, dtype=np.uint32))
+    subscriber.undeclare()
+
+
+def test_dead_microphones_are_named_and_recorded(run, cables, tmp_path):
+    class Deaf(Source):
+        def next_frame(self, request):
+            return super().next_frame(request) & ~np.uint32(1 << 5)
+
+    cable = cables("a")
+    cable.source = Deaf()
+    cable.plug()
+    daemon = run(
+        f"device: {{name: a, address: 'serial:{cable.path}'}}\nping_rate_hz: 20\n"
+        f"record: {{folder: '{tmp_path}/rec', on: [dead], after_s: 0.1, keep_free_mb: 0}}\n"
+    )
+    status = daemon.wait("a", recordings=1)
+    assert status["microphones_faulty"] == {"5": "stuck"}
+    (path,) = (tmp_path / "rec").iterdir()
+    assert path.name.endswith("-dead.mcap")
+
+
+def test_metrics_are_served_for_prometheus(run, cables):
+    pytest.importorskip("prometheus_client")
+    from ertis_daemon.serving.prometheus import serve_metrics
+
+    cables("a").plug()
+    daemon = run(f"device: {{name: a, address: 'serial:{cables('a').path}'}}\n")
+    daemon.wait("a", pings_heard=2)
+    with (
+        serve_metrics("localhost:0", daemon.daemon.statuses) as (host, port),
+        urllib.request.urlopen(f"http://{host}:{port}/metrics", timeout=10) as reply,
+    ):
+        text = reply.read().decode()
+    heard = next(line for line in text.splitlines() if line.startswith("ertis_pings_heard_total"))
+    assert heard.startswith('ertis_pings_heard_total{sonar="a"}')
+    assert float(heard.split()[-1]) >= 2
+    assert 'ertis_is_running{sonar="a"} 1.0' in text
+
+
+def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_schema(
+    run, tmp_path
+):
+    from importlib import resources
+
+    from ertis_driver.device import Settings
+    from ertis_simulator.device import open_sim
+
+    scene = resources.files("ertis_simulator") / "scenes" / "demo.yaml"
+    path = tmp_path / "sim.mcap"
+    with resources.as_file(scene) as file, open_sim(str(file)) as sonar:
+        settings = Settings()
+        sonar.configure(settings)
+        info = RecordingInfo(source="sim", chirp=DEFAULT_CHIRP, num_words=settings.num_words)
+        with RecordingWriter(path, info) as writer:
+            frame = sonar.ping()
+            for index in range(20):
+                writer.write(PdmFrame(frame.words, index, 10**9 + index * 40_000_000))
+    daemon = run(f"device: {{name: a, address: 'replay:{path}'}}\nping_rate_hz: 10\n")
+    subscriber = daemon.session.declare_subscriber(
+        "ertis/a/landmarks", zenoh.handlers.FifoChannel(100)
+    )
+    (schema,) = daemon.ask("ertis/a/schema")
+    daemon.thread.join(DEADLINE_S)
+    assert not daemon.thread.is_alive()
+    assert daemon.error is None
+    events = []
+    while (sample := subscriber.try_recv()) is not None:
+        events.append(json.loads(sample.payload.to_bytes()))
+    assert len(events) >= 5
+    for event in events:
+        jsonschema.validate(event, schema)
+    assert {event["source"] for event in events} == {"sim"}
+    assert daemon.daemon.statuses()["a"].pings_heard == 20
+
+
+def test_a_silent_device_is_tried_again_until_it_speaks(run, cables, bare_pty):
+    cable = cables("a")
+    cable.path.symlink_to(bare_pty.path)
+    daemon = run(f"device: {{name: a, address: 'serial:{cable.path}'}}\nping_rate_hz: 10\n")
+    status = daemon.wait("a", state="failed")
+    assert status["reason"].startswith("DeviceTimeout: ")
+    cable.path.unlink()
+    cable.plug()
+    daemon.wait("a", state="running", pings_heard=2)
+    assert daemon.status("a")["reason"] == ""
+
+
+def test_tracks_are_not_lost_to_a_clock_that_is_set(heard_landmarks):
+    config = parse_config(b"")
+    pipeline = build_pipeline(config, config.settings())
+    (ping,) = read_recording(heard_landmarks)
+    noise = np.random.default_rng(1).integers(0, 2**32, config.num_words, dtype=np.uint32)
+    hour_ns = 3_600_000_000_000
+
+    def process(index, words, time_ns, step_ns=0):
+        return pipeline.process(PdmFrame(words, index, time_ns, clock_step_ns=step_ns)).tracks
+
+    for index in range(10):
+        tracks = process(index, ping.frame.words, 40_000_000 * index)
+    assert tracks
+    assert process(10, noise, 400_000_000 + hour_ns, hour_ns) == []
+    after = process(11, ping.frame.words, 440_000_000 + hour_ns)
+    assert {track.track_id for track in after} == {track.track_id for track in tracks}

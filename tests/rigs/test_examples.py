@@ -1,0 +1,82 @@
+"""The examples, run as their users would run them."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from daemon_rig import DEADLINE_S, status_of, wait_for
+
+from ertis_driver.recording import read_recording
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture
+def locator(start_daemon, open_zenoh, free_locator):
+    """Of a daemon that publishes events and raw frames, five a second."""
+    locator = free_locator()
+    daemon = start_daemon("ping_rate_hz: 5\n", "connect: [], raw: true", locator)
+    session = open_zenoh(locator)
+    wait_for(lambda: daemon.check() and status_of(session).get("events", 0) >= 2)
+    return locator
+
+
+@pytest.fixture
+def start_example():
+    started = []
+
+    def start(name, *arguments):
+        command = [sys.executable, str(EXAMPLES / name), *arguments]
+        started.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_the_subscriber_prints_landmarks_and_is_as_short_as_it_is_said_to_be(
+    locator, start_example
+):
+    process = start_example("subscribe.py", locator)
+    words = process.stdout.readline().split()
+    assert words[0] == "t"
+    assert words[1] in ("r35", "r48", "r58", "r70")
+    assert words[3] == "m"
+    assert words[-1] == "sim"
+    assert len((EXAMPLES / "subscribe.py").read_text().splitlines()) <= 22
+
+
+def test_docking_commands_velocities_and_stands_still_when_nothing_is_heard(
+    locator, start_example, start_daemon, open_zenoh
+):
+    for reply in open_zenoh(locator).get("ertis/t/last"):
+        event = json.loads(reply.ok.payload.to_bytes())
+    sure = [m for m in event["landmarks"] if m["probabilities"][m["class"]] >= 0.5]
+    process = start_example("dock.py", sure[0]["class"] if sure else "r58", locator)
+    told = json.loads(process.stdout.readline())
+    if "range_m" not in told:  # before the first event
+        told = json.loads(process.stdout.readline())
+    assert 0 <= told["v"] <= 0.3
+    assert abs(told["w"]) <= 0.6
+    none = start_example("dock.py", "r999", locator)
+    assert json.loads(none.stdout.readline()) == {"v": 0.0, "w": 0.0}
+
+
+def test_the_recorder_records_what_the_sonar_sent(
+    locator, start_example, tmp_path, heard_landmarks
+):
+    out = tmp_path / "copy.mcap"
+    process = start_example("record.py", "t", str(out), "3", locator)
+    said, _ = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0
+    recording = read_recording(out)
+    pings = list(recording)
+    assert said == f"{len(pings)} pings of t in {out}\n"
+    assert len(pings) >= 5
+    (original,) = read_recording(heard_landmarks)
+    assert pings[0].frame.words.tobytes() == original.frame.words.tobytes()
+    assert recording.info.source == "sim"

@@ -1,0 +1,204 @@
+import os
+import time
+
+import numpy as np
+import pytest
+
+from ertis_daemon.config import RecordConfig
+from ertis_daemon.recording.folder import NoRoom, RecordingFolder, state_folder
+from ertis_daemon.recording.recorder import MAX_SAVED, Recorder
+from ertis_daemon.recording.ring import FrameRing
+from ertis_daemon.status import Status
+from ertis_driver.chirp import DEFAULT_CHIRP
+from ertis_driver.frame import PdmFrame
+from ertis_driver.recording import RecordingInfo, read_recording
+
+NUM_WORDS = 32_768
+INFO = RecordingInfo(source="sim", chirp=DEFAULT_CHIRP, num_words=NUM_WORDS, temperature_c=20.0)
+
+
+def frame(index):
+    return PdmFrame(np.full(NUM_WORDS, index, np.uint32), index, 1_000_000 * index)
+
+
+@pytest.fixture
+def make(tmp_path):
+    made = []
+
+    def make(*, keeps_ring=True, **config):
+        values = {"folder": str(tmp_path / "rec"), "keep_free_mb": 0, **config}
+        recorder = Recorder(RecordConfig(**values), "s", Status(), keeps_ring=keeps_ring)
+        recorder.begin(INFO)
+        made.append(recorder)
+        return recorder
+
+    yield make
+    for recorder in made:
+        recorder.close()
+
+
+def indices(path):
+    return [ping.frame.ping_index for ping in read_recording(path)]
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_ring_keeps_what_is_young_enough_and_no_more_bytes_than_allowed():
+    ring = FrameRing(0.2, 3 * 4 * NUM_WORDS)
+    for index in range(5):
+        ring.append(frame(index))
+    assert [one.ping_index for one in ring.newest(1.0)] == [2, 3, 4]
+    assert ring.num_bytes == 3 * 4 * NUM_WORDS
+    time.sleep(0.25)
+    ring.append(frame(5))
+    assert [one.ping_index for one in ring.newest(1.0)] == [5]
+    none = FrameRing(0.0, 10**9)
+    none.append(frame(0))
+    assert none.newest(1.0) == []
+
+
+def test_a_trigger_records_the_pings_before_it_and_those_after(make):
+    recorder = make(before_s=5.0, after_s=0.3)
+    for index in range(4):
+        recorder.heard(frame(index))
+    path = recorder.trigger("new")
+    assert path.name.startswith("s-2")
+    assert path.name.endswith("Z-new.mcap")
+    for index in range(4, 7):
+        recorder.heard(frame(index))
+    wait_for(lambda: recorder._status.recordings == 1)
+    recorder.heard(frame(7))  # too late
+    assert indices(path) == list(range(7))
+    assert read_recording(path).info == INFO
+
+
+def test_a_recording_of_no_time_at_all_is_none(make):
+    recorder = make(before_s=5.0, after_s=60.0)
+    recorder.heard(frame(0))
+    path = recorder.trigger("on-demand", before_s=0.0, after_s=0.0)
+    time.sleep(0.01)
+    recorder.heard(frame(1))
+    wait_for(lambda: recorder._status.recordings_failed == 1)
+    assert not path.exists(), "a recording of nothing is none"
+
+
+def test_a_second_trigger_prolongs_the_recording_under_way(make):
+    recorder = make(before_s=5.0, after_s=1.0)
+    recorder.heard(frame(0))
+    path = recorder.trigger("new")
+    assert recorder.trigger("lost", after_s=3.0) == path
+    time.sleep(1.2)
+    recorder.heard(frame(1))
+    wait_for(lambda: recorder._status.recordings == 1)
+    assert indices(path) == [0, 1]
+
+
+def test_no_ring_is_kept_for_a_recorder_that_nothing_triggers(make):
+    recorder = make(keeps_ring=False)
+    recorder.heard(frame(0))
+    assert recorder._ring.num_bytes == 0
+
+
+def test_a_sonar_opened_anew_ends_the_recording_and_forgets_what_was_before(make):
+    recorder = make(before_s=5.0, after_s=60.0)
+    recorder.heard(frame(0))
+    path = recorder.trigger("new")
+    recorder.begin(INFO)
+    wait_for(lambda: recorder._status.recordings == 1)
+    assert indices(path) == [0]
+    recorder.heard(frame(9))
+    path = recorder.trigger("new", after_s=0.0)
+    wait_for(lambda: recorder._status.recordings == 2)
+    assert indices(path) == [9]
+
+
+def test_single_pings_are_saved_but_not_without_end(make):
+    recorder = make(before_s=0.0)
+    for index in range(MAX_SAVED + 5):
+        recorder.save(frame(index), f"failed-ping-{index}")
+        time.sleep(0.01)
+    wait_for(lambda: recorder._status.recordings == MAX_SAVED)
+    names = sorted(path.name for path in recorder._folder.new_path("x").parent.iterdir())
+    assert len(names) == MAX_SAVED
+    assert names[3].endswith("-failed-ping-3.mcap")
+
+
+def test_closing_finishes_what_is_under_way(make):
+    recorder = make(before_s=5.0, after_s=60.0)
+    recorder.heard(frame(3))
+    path = recorder.trigger("new")
+    recorder.close()
+    assert indices(path) == [3]
+    with pytest.raises(NoRoom):
+        recorder.trigger("new")
+
+
+def test_before_the_sonar_was_open_there_is_nothing_to_record(tmp_path):
+    recorder = Recorder(RecordConfig(folder=str(tmp_path)), "s", Status(), keeps_ring=True)
+    with pytest.raises(NoRoom, match="not open yet"):
+        recorder.trigger("new")
+
+
+def test_a_folder_that_cannot_be_made_is_one_clear_line(make, tmp_path):
+    (tmp_path / "rec").write_text("a file")
+    recorder = make(before_s=5.0)
+    recorder.heard(frame(0))
+    with pytest.raises(NoRoom, match=r"cannot make .*rec: File exists; see record\.folder"):
+        recorder.trigger("new")
+
+
+def write(folder, name, size):
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_bytes(bytes(size))
+
+
+def test_the_oldest_recordings_of_this_sonar_make_room_and_no_other_file(tmp_path):
+    for day in range(1, 5):
+        write(tmp_path, f"s-2026010{day}T000000.000Z-new.mcap", 1000)
+        write(tmp_path, f"s-2-2026010{day}T000000.000Z-new.mcap", 1000)
+    write(tmp_path, "s-notes.mcap", 5000)
+    folder = RecordingFolder(str(tmp_path), "s", 4500, 0)
+    folder.make_room(folder.new_path("new"), 2000)
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert [name for name in left if name.startswith("s-2026")] == [
+        "s-20260103T000000.000Z-new.mcap",
+        "s-20260104T000000.000Z-new.mcap",
+    ]
+    assert len(left) == 2 + 4 + 1
+
+
+def test_a_recording_larger_than_the_folder_may_be_ends_with_what_there_is_room_for(make):
+    recorder = make(before_s=0.0, after_s=60.0, folder_mb=5)  # 38 frames of 131 kB
+    path = recorder.trigger("new")
+    for index in range(60):
+        recorder.heard(frame(index))
+        time.sleep(0.005)
+    wait_for(lambda: recorder._status.recordings_failed == 1)
+    assert 16 <= len(indices(path)) <= 38
+    assert path.stat().st_size < 5_000_000
+
+
+def test_a_disk_that_would_be_too_full_is_left_alone(make):
+    recorder = make(before_s=5.0, after_s=0.0, keep_free_mb=10**9)
+    recorder.heard(frame(0))
+    path = recorder.trigger("new")
+    wait_for(lambda: recorder._status.recordings_failed == 1)
+    assert not path.exists()
+
+
+def test_the_state_folder_is_systemds_or_the_users(monkeypatch):
+    for name in ("STATE_DIRECTORY", "XDG_STATE_HOME", "HOME"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(NoRoom, match=r"record\.folder"):
+        state_folder()
+    monkeypatch.setenv("HOME", "/home/me")
+    assert os.fspath(state_folder()) == "/home/me/.local/state/ertis"
+    monkeypatch.setenv("XDG_STATE_HOME", "/state")
+    assert os.fspath(state_folder()) == "/state/ertis"
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/ertis:/var/lib/other")
+    assert os.fspath(state_folder()) == "/var/lib/ertis"
