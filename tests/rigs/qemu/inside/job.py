@@ -14,7 +14,7 @@ from qemu.inside import serial_cases, systemd_cases, usb_cases
 
 RESULTS = Path("/dev/ttyS1")
 CASE_TIMEOUT_S = 90
-SERVICE_TIMEOUT_S = 700  # several starts of the daemon, half a minute each
+SERVICE_TIMEOUT_S = 1200  # several starts of the daemon, half a minute each
 CASES = {case.__name__: case for case in (*serial_cases.CASES, *usb_cases.CASES)}
 SERVICE_CASES = {case.__name__: case for case in systemd_cases.CASES}
 

@@ -12,7 +12,7 @@ from qemu.inside.board import Board
 
 SERIAL = "ERTIS001"
 UNIT = f"ertis-daemon@{SERIAL}.service"
-START_S = 300  # an emulated machine takes half a minute to import numpy and zenoh
+START_S = 400  # an emulated machine takes half a minute to import numpy and zenoh
 
 
 def service_life() -> dict:
@@ -58,7 +58,10 @@ def without_a_configuration() -> dict:
 def _until(state: str) -> dict:
     """Wait for a state of the unit; how long it took."""
     started_s = time.monotonic()
-    while (met := _state()) != state and time.monotonic() - started_s < START_S:
+    while (met := _state()) != state:
+        if time.monotonic() - started_s > START_S:
+            journal = _run("journalctl", "--no-pager", "-o", "short-monotonic", "-n", "30")
+            raise TimeoutError(f"{met}, expected {state}, after {START_S} s:\n{journal}")
         time.sleep(0.1)
     return {"state": met, "seconds": _since(started_s)}
 
