@@ -66,11 +66,14 @@ def session_config(
 def open_session(config: zenoh.Config) -> zenoh.Session:
     """Open a session; a peer does so with nobody to connect to, and keeps trying.
 
+    Zenoh's own log goes to stderr if RUST_LOG says what of it.
+
     Raises
     ------
     PublisherError
         If a locator is wrong, a port taken, or a client finds no router.
     """
+    zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     try:
         session: zenoh.Session = zenoh.open(config)
     except zenoh.ZError as error:

@@ -1,6 +1,7 @@
 """Our ROS 2 node on a real Zenoh network, read by plain Zenoh; test_ros2_peers.py has ROS nodes."""
 
 import json
+import os
 import struct
 import subprocess
 import sys
@@ -144,6 +145,28 @@ def test_ros_users_may_name_network_and_domain_in_the_environment(port, reader):
     }
     with ros2_publisher(1, domain_id=-1, environ=environ):
         assert wait_for(lambda: tokens(reader))
+
+
+def test_zenohs_own_log_is_shown_as_rust_log_asks():
+    code = (
+        "from ertis_daemon.config import ZenohConfig\n"
+        "from ertis_daemon.zenoh_session import Network\n"
+        "for _ in range(2):\n"
+        "    Network(ZenohConfig(connect=(), listen=('tcp/127.0.0.1:0',))).close()\n"
+    )
+    said = {}
+    for level in ("", "zenoh=info"):
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "RUST_LOG": level},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        )
+        said[level] = done.stdout + done.stderr
+    assert "tcp/127.0.0.1" in said["zenoh=info"]
+    assert said[""] == ""
 
 
 def run_daemon(tmp_path, config, *, without=""):

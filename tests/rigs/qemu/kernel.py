@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,10 @@ HERE = Path(__file__).parent
 CHECKOUT = HERE.parents[2]
 CACHE = CHECKOUT / ".cache" / "qemu"
 META_PACKAGE = "linux-image-amd64"
-MODULES = ("virtio_pci", "9p", "9pnet_virtio", "dummy_hcd", "usb_f_acm", "usb_f_fs", "cdc-acm")
+MODULES = (
+    *("virtio_pci", "9p", "9pnet_virtio", "overlay"),
+    *("dummy_hcd", "usb_f_acm", "usb_f_fs", "cdc-acm"),
+)
 OPTIONS = {"dummy_hcd.ko": "num=2"}  # two sockets: another device may be plugged in beside
 APT = {
     "qemu-system-x86_64": "qemu-system-x86",
@@ -53,15 +57,20 @@ def require_tools() -> None:
 
 def get_kernel() -> Kernel:
     """Return the cached kernel, or fetch Debian's with apt-get."""
-    for order in sorted(CACHE.glob("*/modules/order"), reverse=True):
+    for order in sorted(CACHE.glob(f"*{_kind()}/modules/order"), reverse=True):
         return Kernel(order.parents[1] / "vmlinuz", order.parent)
     CACHE.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=CACHE) as scratch:
         return _unpack(_download(Path(scratch)), Path(scratch))
 
 
-def make_initramfs(kernel: Kernel, job: str, out: Path) -> None:
-    """Write the initramfs that runs the shell script ``job`` in the host's root."""
+def _kind() -> str:
+    """Ends a cached kernel's name: one with other modules is another one."""
+    return f"-{zlib.crc32(repr((MODULES, OPTIONS)).encode()):08x}"
+
+
+def make_initramfs(kernel: Kernel, init: Path, job: str, out: Path) -> None:
+    """Write the initramfs whose PID 1 is ``init``, which runs the shell script ``job``."""
     with tempfile.TemporaryDirectory() as scratch:
         root = Path(scratch)
         for folder in ("bin", "dev", "proc", "sys", "host"):
@@ -69,7 +78,7 @@ def make_initramfs(kernel: Kernel, job: str, out: Path) -> None:
         shutil.copy(_tool("busybox"), root / "bin" / "busybox")
         shutil.copytree(kernel.modules, root / "modules")
         (root / "job").write_text(job)
-        shutil.copy(HERE / "init.sh", root / "init")
+        shutil.copy(init, root / "init")
         (root / "init").chmod(0o755)
         names = "\n".join(str(path.relative_to(root)) for path in sorted(root.rglob("*")))
         archive = subprocess.run(
@@ -112,7 +121,7 @@ def _unpack(package: Path, scratch: Path) -> Kernel:
                 order[_copy_module(Path(found[1]), made / "modules")] = None
     lines = [f"{name} {OPTIONS.get(name, '')}\n" for name in order]
     (made / "modules" / "order").write_text("".join(lines))
-    final = CACHE / version
+    final = CACHE / (version + _kind())
     made.rename(final)
     return Kernel(final / "vmlinuz", final / "modules")
 

@@ -19,8 +19,7 @@ from qemu.kernel import CHECKOUT, HERE, get_kernel, make_initramfs, require_tool
 
 # /dev/kvm may open and then hang a stock kernel; emulation is fast enough and runs everywhere.
 QEMU = shlex.split("""qemu-system-x86_64 -accel tcg,thread=multi -M q35 -cpu max -smp 2 -m 1024
--nodefaults -no-user-config -nographic -no-reboot
--virtfs local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap""")
+-nodefaults -no-user-config -nographic -no-reboot""")
 COMMAND_LINE = (
     "console=ttyS0 panic=-1 quiet tsc=reliable nokaslr mitigations=off random.trust_cpu=on"
 )
@@ -44,9 +43,15 @@ class GuestRun:
 
 
 def boot(
-    job: list[str], *, timeout_s: float = BOOT_TIMEOUT_S, echo: TextIO | None = None
+    job: list[str],
+    *,
+    stage: Path | None = None,
+    timeout_s: float = BOOT_TIMEOUT_S,
+    echo: TextIO | None = None,
 ) -> GuestRun:
     """Run ``python job...`` in a fresh guest; kill it when it takes too long.
+
+    With ``stage``, a folder laid over the root, under systemd.
 
     Raises
     ------
@@ -58,13 +63,22 @@ def boot(
     started_s = time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
         initramfs, results = Path(scratch, "initramfs"), Path(scratch, "results")
-        make_initramfs(kernel, job_script(job), initramfs)
+        init = HERE / ("init_systemd.sh" if stage else "init.sh")
+        make_initramfs(kernel, init, job_script(job), initramfs)
         # The second serial port carries the results, so that no kernel message gets into them.
         files = ["-kernel", kernel.image, "-initrd", initramfs, "-append", COMMAND_LINE]
         ports = ["-serial", "stdio", "-serial", f"file:{results}"]
-        console, timed_out = _run_qemu([*QEMU, *map(str, files), *ports], timeout_s, echo)
+        shares = [*_share(Path("/"), "host"), *(_share(stage, "stage") if stage else ())]
+        command = [*QEMU, *shares, *map(str, files), *ports]
+        console, timed_out = _run_qemu(command, timeout_s, echo)
         found = read_results(results.read_text(errors="replace") if results.exists() else "")
     return GuestRun(found, console, time.monotonic() - started_s, timed_out)
+
+
+def _share(folder: Path, tag: str) -> list[str]:
+    path = str(folder).replace(",", ",,")
+    options = f"mount_tag={tag},security_model=none,readonly=on,multidevs=remap"
+    return ["-virtfs", f"local,path={path},{options}"]
 
 
 def job_script(job: list[str]) -> str:

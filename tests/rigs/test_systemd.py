@@ -1,0 +1,165 @@
+"""Rigs D and E: the installed daemon under systemd and udev, in a QEMU guest with a USB gadget.
+
+What ``make install`` stages here is laid over the guest's root; see qemu/README.md.
+"""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from qemu.kernel import CHECKOUT, NoGuest
+from qemu.machine import boot
+
+pytestmark = [pytest.mark.slow, pytest.mark.index]
+
+PYTHON = "/usr/bin/python3"
+INSTALL_S = 400
+GUEST_S = 1300
+# An emulated machine is thirty times slower than a robot's.
+PATIENCE = "[Service]\nTimeoutStartSec=400s\nWatchdogSec=60s\nTimeoutStopSec=60s\n"
+
+
+def why_not():
+    if not Path("/lib/systemd/systemd").exists():
+        return "no systemd to boot the guest with: apt install systemd udev"
+    if not Path(PYTHON).exists():
+        return f"no {PYTHON}, which is the Python that a service may see"
+    return None
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """A clean tree after ``make install``."""
+    if why_not():
+        pytest.skip(why_not())
+    stage = tmp_path_factory.mktemp("stage")
+    command = ["make", "-s", "install", f"DESTDIR={stage}", f"PYTHON={PYTHON}"]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    try:
+        done = subprocess.run(
+            command,
+            cwd=CHECKOUT,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=INSTALL_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        pytest.skip(f"the package index did not deliver what is to be installed in {INSTALL_S} s")
+    if re.search("No matching distribution|Could not find a version|python3-venv", done.stderr):
+        pytest.skip(f"nothing to install from: {done.stderr.strip()[-300:]}")
+    assert done.returncode == 0, done.stderr[-3000:]
+    return stage
+
+
+@pytest.fixture(scope="module")
+def guest(installed):
+    """One boot for all tests."""
+    drop_in = installed / "etc/systemd/system/ertis-daemon@.service.d/emulated.conf"
+    drop_in.parent.mkdir()
+    drop_in.write_text(PATIENCE)
+    example = (installed / "etc/ertis/ertis.yaml").read_text()
+    short, count = re.subn(r"(?m)^num_words: .*$", "num_words: 65536", example)
+    assert count == 1
+    (installed / "etc/ertis/ERTIS001.yaml").write_text(short)
+    try:
+        run = boot(
+            ["-m", "qemu.inside.job", "without_a_configuration", "service_life"],
+            stage=installed,
+            timeout_s=GUEST_S,
+        )
+    except NoGuest as reason:
+        pytest.skip(str(reason))
+    transcript = CHECKOUT / "out" / "systemd.txt"
+    transcript.parent.mkdir(exist_ok=True)
+    transcript.write_text(run.console)
+    return run
+
+
+@pytest.fixture
+def life(guest, capsys):
+    result = found(guest, "service_life")
+    with capsys.disabled():
+        for key in ("plugged", "process", "hung", "after_hang", "unplugged", "replugged"):
+            print(f"\n{key}: {result[key]}", end="")
+        print()
+    return result
+
+
+def found(guest, case):
+    end = f"{'killed' if guest.timed_out else 'off'} after {guest.seconds:.0f} s"
+    assert case in guest.results, f"no end of {case}; guest {end}:\n{guest.console[-3000:]}"
+    result = guest.results[case]
+    assert "error" not in result, result["error"]
+    return result
+
+
+def test_make_install_leaves_program_units_rule_and_configuration(installed):
+    command = (installed / "opt/ertis/bin/ertis").read_text().splitlines()[0]
+    assert command == "#!/opt/ertis/bin/python"
+    assert str((installed / "usr/local/bin/ertis").readlink()) == "/opt/ertis/bin/ertis"
+    for name in ("ertis-daemon.service", "ertis-daemon@.service"):
+        assert (installed / "etc/systemd/system" / name).exists()
+    assert (installed / "etc/udev/rules.d/70-ertis.rules").exists()
+    example = installed / "opt/ertis/share/ertis/ertis.yaml"
+    assert (installed / "etc/ertis/ertis.yaml").read_text() == example.read_text()
+    staged = [
+        str(path)
+        for path in (installed / "opt/ertis/bin").iterdir()
+        if path.is_file() and not path.is_symlink() and str(installed).encode() in path.read_bytes()
+    ]
+    assert staged == [], "nothing may name the folder it was staged in"
+
+
+def test_a_plug_starts_the_daemon_which_becomes_ready_and_works(life):
+    assert life["before"] == "inactive"
+    assert life["plugged"]["state"] == "active"  # Type=notify: active is READY
+    assert life["name"].startswith("/dev/ttyACM")
+    assert "running" in life["working"]
+
+
+def test_it_runs_as_nobody_in_particular_with_nothing_but_its_port(life):
+    process = life["process"]
+    assert 61184 <= process["uid"] <= 65519, "one of systemd's dynamic users"
+    assert int(process["capabilities"], 16) == 0
+    assert process["seccomp"] == "2"
+    exposure = re.search(r": (\d+\.\d) ", life["security"])
+    assert float(exposure[1]) <= 1.2
+
+
+def test_a_daemon_that_hangs_is_ended_by_the_watchdog_and_started_again(life):
+    assert life["hung"]["restarts"] == 1
+    assert "atchdog" in life["journal"] or life["hung"]["result"] == "watchdog"
+    assert life["after_hang"]["state"] == "active"
+
+
+def test_pulled_out_it_stops_and_plugged_in_again_it_runs(life):
+    assert life["unplugged"]["state"] == "inactive"
+    assert life["name_gone"]
+    assert life["replugged"]["state"] == "active"
+    assert "running" in life["working_again"]
+
+
+def test_told_to_stop_it_ends_cleanly(life):
+    assert life["stopped"]["Result"] == "success"
+    assert life["stopped"]["ExecMainStatus"] == "0"
+
+
+def test_a_sonar_without_a_configuration_is_left_alone(guest):
+    result = found(guest, "without_a_configuration")
+    assert result == {"ActiveState": "inactive", "ConditionResult": "no", "Result": "success"} | {
+        "seconds": result["seconds"]
+    }
+
+
+def test_what_was_installed_is_uninstalled(installed, guest):
+    for extra in ("ertis-daemon@.service.d/emulated.conf",):
+        path = installed / "etc/systemd/system" / extra
+        path.unlink()
+        path.parent.rmdir()
+    (installed / "etc/ertis/ERTIS001.yaml").unlink()
+    subprocess.run(["make", "-s", "uninstall", f"DESTDIR={installed}"], cwd=CHECKOUT, check=True)
+    assert sorted(installed.rglob("*")) == []
