@@ -25,6 +25,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "probe": ("ertis_daemon.cli.probe", "ping one sonar and say how it is"),
     "detect": ("ertis_daemon.cli.detect", "say which landmarks a recording holds, and draw it"),
     "simulate": ("ertis_daemon.cli.simulate", "record a simulated scene, or many random ones"),
+    "dataset": ("ertis_daemon.cli.dataset", "record, check, correct and count labelled pings"),
+    "export": ("ertis_daemon.cli.export", "landmarks to print, and files for other programs"),
     "validate": ("ertis_daemon.cli.validate", "hold the simulator against physics and a real ping"),
     "train": ("ertis_daemon.cli.train", "make a model from recordings with truth"),
     "demo": ("ertis_daemon.cli.demo", "see it all work, on a simulated scene"),
