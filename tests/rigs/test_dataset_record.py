@@ -11,14 +11,19 @@ import subprocess
 import sys
 import termios
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ertis_daemon.cli import main
+from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.dataset import file_sha256, open_dataset
 from ertis_driver.emulator import Emulator
+from ertis_driver.frame import PdmFrame
+from ertis_driver.recording import RecordingInfo, RecordingWriter
 from ertis_simulator.dataset import random_scene
+from ertis_simulator.scene_file import load_scene
 
 DEMO = "simulator/ertis_simulator/scenes/demo.yaml"
 PLACE = ["garage", "s1", "ann", "20"]
@@ -29,8 +34,6 @@ ERTIS = [sys.executable, "-m", "ertis_daemon.cli"]
 @pytest.fixture(scope="module")
 def heard():
     """Words of one simulated ping."""
-    from ertis_driver.chirp import DEFAULT_CHIRP
-
     return random_scene(6, 1).hear(0, 163_840, DEFAULT_CHIRP.samples(450e3))
 
 
@@ -90,8 +93,13 @@ def assert_whole(folder):
 
 def test_a_session_against_the_emulator_end_to_end(tmp_path, record):
     folder = tmp_path / "set"
+    scene, pings = load_scene(Path(DEMO)), tmp_path / "pings.mcap"
+    with RecordingWriter(pings, RecordingInfo("sim", DEFAULT_CHIRP, 163_840, 20.0)) as writer:
+        for number in range(4):
+            heard = scene.hear(number, 163_840, DEFAULT_CHIRP.samples(450e3))
+            writer.write(PdmFrame(heard, number, number))
     emulator = subprocess.Popen(
-        [*ERTIS, "emulate", "--scene", DEMO], stdout=subprocess.PIPE, text=True
+        [*ERTIS, "emulate", "--replay", str(pings)], stdout=subprocess.PIPE, text=True
     )
     try:
         port = emulator.stdout.readline().strip()
