@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import os
 import sys
-from types import ModuleType
 
 # One ping's arrays are small: threads of BLAS cost more than they give, on a robot above all.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-OK, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+OK, FAILED, USAGE, WITH_FINDINGS, INTERRUPTED = 0, 1, 2, 3, 130
 
 # name -> (module, one line of help). A module has add_arguments(parser) and run(args) -> int, and
 # imports what is heavy inside run.
@@ -30,9 +28,13 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "convert": ("ertis_daemon.cli.convert", "turn recordings into raw words, WAV or CSV, and back"),
     "detect": ("ertis_daemon.cli.detect", "say which landmarks a recording holds, and draw it"),
     "simulate": ("ertis_daemon.cli.simulate", "record a simulated scene, or many random ones"),
+    "dataset": ("ertis_daemon.cli.dataset", "record, check, correct and count labelled pings"),
+    "export": ("ertis_daemon.cli.export", "landmarks to print, and files for other programs"),
     "validate": ("ertis_daemon.cli.validate", "hold the simulator against physics and a real ping"),
     "train": ("ertis_daemon.cli.train", "make a model from recordings with truth"),
     "evaluate": ("ertis_daemon.cli.evaluate", "say how good a detector or a method is on data"),
+    "doctor": ("ertis_daemon.cli.doctor", "say what works here, what is missing, and what to do"),
+    "completion": ("ertis_daemon.cli.completion", "print what makes a shell complete words"),
     "demo": ("ertis_daemon.cli.demo", "see it all work, on a simulated scene"),
 }
 
@@ -68,20 +70,13 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _dispatch(argv: list[str]) -> int:
-    parser = argparse.ArgumentParser(
-        prog="ertis", description="Landmark recognition with the eRTIS in-air sonar."
-    )
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    from ertis_daemon.cli.parser import build_parser
+
     wanted = next((word for word in argv if not word.startswith("-")), None)
-    module: ModuleType | None = None
-    for name, (module_name, text) in COMMANDS.items():
-        command = commands.add_parser(name, help=text, description=text)
-        if name == wanted:
-            module = importlib.import_module(module_name)
-            module.add_arguments(command)
+    parser = build_parser(COMMANDS, wanted)
+    parser.said = argv
     args = parser.parse_args(argv)
-    assert module is not None  # parse_args ends the program unless a command was named
-    return int(module.run(args))
+    return int(importlib.import_module(COMMANDS[args.command][0]).run(args))
 
 
 def _is_reported(error: Exception) -> bool:

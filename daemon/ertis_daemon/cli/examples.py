@@ -1,0 +1,16 @@
+"""An example for the help of each command that does not bring its own."""
+
+EXAMPLES: dict[str, str] = {
+    "run": "ertis run --config /etc/ertis/ertis.yaml",
+    "check-config": "ertis check-config ertis.yaml",
+    "monitor": "ertis monitor --connect tcp/robot:7447",
+    "devices": "ertis devices --json",
+    "emulate": "ertis emulate --scene hall.yaml --link ertis0",
+    "probe": "ertis probe serial:/dev/ttyACM0",
+    "detect": "ertis detect garage.mcap",
+    "simulate": "ertis simulate --dataset sonar-data --seed 1 -n 70",
+    "validate": "ertis validate",
+    "train": "ertis train training.mcap -o model.safetensors",
+    "dataset": "ertis dataset check sonar-data",
+    "demo": "ertis demo --seconds 10",
+}

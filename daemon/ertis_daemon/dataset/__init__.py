@@ -1,0 +1,1 @@
+"""Making and checking labelled data sets; the files themselves are ``ertis_driver.dataset``'s."""
