@@ -168,7 +168,7 @@ def check_zenoh(config: Config) -> Check:
     """Whether a router answers at the configured places."""
     import zenoh
 
-    from ertis_daemon.publisher import PublisherError, close_session, session_config
+    from ertis_daemon.zenoh_session import PublisherError, close_session, session_config
 
     zenoh.init_log_from_env_or("off")
     places = ", ".join(config.zenoh.connect) or "nowhere"

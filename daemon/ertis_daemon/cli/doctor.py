@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print what was found."""
     from ertis_daemon.checkup import check_all
-    from ertis_daemon.config import Config, load_config
+    from ertis_daemon.config import Config
+    from ertis_daemon.config_read import load_config
 
     config = load_config(args.config) if args.config else Config()
     checks = check_all(config)
