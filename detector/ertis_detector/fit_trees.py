@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ertis_detector.trees import MAX_NODES, Trees
+from ertis_detector.trees import MAX_LEAVES, Trees
 
 Float32 = npt.NDArray[np.float32]
 
 NUM_ROUNDS = 110
-_LEARNING_RATE, _MAX_LEAVES, _MIN_LEAF, _L2 = 0.12, 24, 20, 1.0
+_LEARNING_RATE, _LEAVES, _MIN_LEAF, _L2 = 0.12, 24, 20, 1.0
 _SAMPLE = 200  # rows on which both ways of applying trees are compared
 _GAP = 1e-2  # of scores
 _UNLIKELY = -20.0  # a logarithm of a probability; under it rounding counts
@@ -41,7 +41,7 @@ def fit_trees(
     boosting = HistGradientBoostingClassifier(
         max_iter=num_rounds,
         learning_rate=_LEARNING_RATE,
-        max_leaf_nodes=_MAX_LEAVES,
+        max_leaf_nodes=_LEAVES,
         min_samples_leaf=_MIN_LEAF,
         l2_regularization=_L2,
         early_stopping=False,
@@ -64,39 +64,60 @@ def fit_trees(
 
 
 def _arrays(boosting: Any, num_classes: int) -> Trees:
-    """The nodes of all trees in one row; of two classes the first gets trees of nothing."""
-    parts: dict[str, list[npt.NDArray[Any]]] = {
-        name: [] for name in ("feature", "threshold", "left", "right", "value")
-    }
-    roots, first = [], 0
+    """All trees' splits in one row; of two classes the first gets trees of nothing."""
+    feature: list[int] = []
+    threshold: list[float] = []
+    mask: list[int] = []
+    first: list[int] = []
+    leaves: list[list[float]] = []
     for rounds in boosting._predictors:
         nodes_of = [predictor.nodes for predictor in rounds]
-        if num_classes == 2:
-            nothing = np.zeros(1, nodes_of[0].dtype)
-            nothing["is_leaf"] = 1
-            nodes_of = [nothing, *nodes_of]
-        for nodes in nodes_of:
-            if len(nodes) > MAX_NODES:
-                raise RuntimeError(f"a tree of {len(nodes)} nodes, expected {MAX_NODES} at most")
-            leaf = nodes["is_leaf"].astype(bool)
-            parts["feature"].append(np.where(leaf, 0, nodes["feature_idx"]))
-            parts["threshold"].append(np.where(leaf, 0.0, nodes["num_threshold"]))
-            parts["left"].append(np.where(leaf, 0, nodes["left"]))
-            parts["right"].append(np.where(leaf, 0, nodes["right"]))
-            parts["value"].append(np.where(leaf, nodes["value"], 0.0))
-            roots.append(first)
-            first += len(nodes)
+        for nodes in [None, *nodes_of] if num_classes == 2 else nodes_of:
+            first.append(len(feature))
+            values: list[float] = []
+            if nodes is not None:
+                _take(nodes, 0, values, feature, threshold, mask)
+            if (
+                len(feature) == first[-1]
+            ):  # a tree of one leaf asks something that rules nothing out
+                feature.append(0)
+                threshold.append(0.0)
+                mask.append(0xFFFFFFFF)
+            if len(values) > MAX_LEAVES:
+                raise RuntimeError(f"a tree of {len(values)} leaves, expected {MAX_LEAVES} at most")
+            leaves.append(values + [0.0] * (MAX_LEAVES - len(values)))
     base = np.ravel(boosting._baseline_prediction)
-    joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
     return Trees(
-        joined["feature"].astype(np.uint8),
-        _at_or_under(joined["threshold"]),
-        joined["left"].astype(np.uint8),
-        joined["right"].astype(np.uint8),
-        joined["value"].astype(np.float32),
-        np.array(roots, np.int32),
+        np.array(feature, np.uint8),
+        _at_or_under(np.array(threshold)),
+        np.array(mask, np.uint32),
+        np.array(first, np.int32),
+        np.array(leaves, np.float32),
         (base if num_classes > 2 else np.array([0.0, *base])).astype(np.float32),
     )
+
+
+def _take(
+    nodes: Any,
+    at: int,
+    values: list[float],
+    feature: list[int],
+    threshold: list[float],
+    mask: list[int],
+) -> None:
+    """Take splits and leaves of the subtree at a node, leaves from the left."""
+    node = nodes[at]
+    if node["is_leaf"]:
+        values.append(float(node["value"]))
+        return
+    place, first_leaf = len(feature), len(values)
+    feature.append(int(node["feature_idx"]))
+    threshold.append(float(node["num_threshold"]))
+    mask.append(0)
+    _take(nodes, int(node["left"]), values, feature, threshold, mask)
+    ruled_out = (1 << len(values)) - (1 << first_leaf)
+    mask[place] = 0xFFFFFFFF & ~ruled_out
+    _take(nodes, int(node["right"]), values, feature, threshold, mask)
 
 
 def _at_or_under(threshold: npt.NDArray[np.float64]) -> Float32:

@@ -19,7 +19,7 @@ from ertis_detector.errors import ModelError, ModelMismatch
 from ertis_detector.features import FEATURE_VERSION, NUM_FEATURES
 from ertis_detector.networks import Committee
 from ertis_detector.readout import NUM_TERMS, Readout
-from ertis_detector.trees import Trees
+from ertis_detector.trees import MAX_LEAVES, Trees
 
 MODEL_FORMAT = "ertis-model/2"
 TRACKING_PROBABILITY = 0.5  # evidence accumulates: a tracker hears of less sure ones, too
@@ -28,12 +28,11 @@ _COMMITTEE = tuple(one.name for one in fields(Committee))
 _TREES = tuple(one.name for one in fields(Trees))
 _READOUT = ("mean", "scale", "weights", "variances")
 _LAW = ("coupling", "offset")
-_NODES = ("feature", "threshold", "left", "right", "value")
+_SPLITS = ("feature", "threshold", "mask")
 _KINDS = {  # all others are float32
     "trees.feature": np.uint8,
-    "trees.left": np.uint8,
-    "trees.right": np.uint8,
-    "trees.roots": np.int32,
+    "trees.mask": np.uint32,
+    "trees.first": np.int32,
 }
 _ARRAYS = (
     *(f"committee.{name}" for name in _COMMITTEE),
@@ -212,18 +211,15 @@ def _check_arrays(arrays: dict[str, Any], model: Model, path: Path) -> None:
 
 
 def _check_trees(arrays: dict[str, Any], count: int, path: Path) -> None:
-    """Every way through a tree goes down, stays in that tree, and reads a feature that is there."""
-    roots, left, right = (arrays[f"trees.{name}"] for name in ("roots", "left", "right"))
-    sizes = np.diff([*roots, left.size])
-    whole = roots.size % count == 0 and roots.size > 0 and roots[0] == 0 and (sizes > 0).all()
-    if whole:
-        own = np.arange(left.size) - np.repeat(roots, sizes)
-        size = np.repeat(sizes, sizes)
-        for child in (left, right):
-            whole &= bool((((child > own) & (child < size)) | (child == 0)).all())
-        whole &= bool(((left == 0) == (right == 0)).all())
-    if not whole or arrays["trees.feature"].max() >= NUM_FEATURES:
+    """Every tree has splits, which ask features that are there and leave a leaf."""
+    first, mask = arrays["trees.first"], arrays["trees.mask"]
+    sizes = np.diff([*first, mask.size])
+    whole = first.size > 0 and first.size % count == 0 and first[0] == 0 and (sizes > 0).all()
+    # The rightmost leaf is on no split's left: whatever is answered, one leaf is left.
+    if not whole or np.bitwise_and.reduceat(mask, first).min() == 0:
         raise ModelError(f"model {path}: its trees lead nowhere: make it again")
+    if arrays["trees.feature"].max() >= NUM_FEATURES:
+        raise ModelError(f"model {path}: its trees ask features that are not there: make it again")
 
 
 def _shapes(arrays: dict[str, Any], count: int, sizes: int) -> dict[str, tuple[int, ...]]:
@@ -240,8 +236,9 @@ def _shapes(arrays: dict[str, Any], count: int, sizes: int) -> dict[str, tuple[i
         "committee.second_bias": (networks, 1, hidden),
         "committee.last": (networks, hidden, count),
         "committee.last_bias": (networks, 1, count),
-        **{f"trees.{name}": arrays["trees.feature"].shape[:1] for name in _NODES},
-        "trees.roots": arrays["trees.roots"].shape[:1],
+        **{f"trees.{name}": arrays["trees.feature"].shape[:1] for name in _SPLITS},
+        "trees.first": arrays["trees.first"].shape[:1],
+        "trees.leaves": (*arrays["trees.first"].shape[:1], MAX_LEAVES),
         "trees.baseline": (count,),
         "readout.mean": (NUM_FEATURES,),
         "readout.scale": (NUM_FEATURES,),

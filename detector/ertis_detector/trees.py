@@ -1,4 +1,4 @@
-"""Boosted decision trees, applied by numpy: all trees of all rows one step at a time."""
+"""Boosted decision trees, applied by numpy: all questions of all trees at once."""
 
 from __future__ import annotations
 
@@ -11,33 +11,35 @@ from ertis_detector.networks import softmax
 
 Float32 = npt.NDArray[np.float32]
 
-MAX_NODES = 255  # of one tree
+MAX_LEAVES = 32  # bits of a mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trees:
     """A forest whose leaves add up, one sum a class.
 
-    Nodes of all trees stand in one row, each tree's root first.
+    Rather than walk down each tree, every split is asked; one that is answered "more" rules out
+    the leaves on its left, and the leftmost leaf that is left is the tree's (Lucchese et al.,
+    SIGIR 2015, "QuickScorer").
 
-    feature : uint8, shape (num_nodes,)
-    threshold : float32, shape (num_nodes,)
+    feature : uint8, shape (num_splits,)
+        Of all trees, one after the other.
+    threshold : float32, shape (num_splits,)
         At or under it the way goes left.
-    left, right : uint8, shape (num_nodes,)
-        Children, counted from the root of their tree; 0 for a leaf.
-    value : float32, shape (num_nodes,)
-        Of leaves; 0 elsewhere.
-    roots : int32, shape (num_trees,)
+    mask : uint32, shape (num_splits,)
+        Bit ``i`` is 0 for leaf ``i`` on the left; leaves are counted from the left.
+    first : int32, shape (num_trees,)
+        Where each tree's splits begin; each has one at least.
+    leaves : float32, shape (num_trees, MAX_LEAVES)
         Tree ``t`` adds to class ``t % num_classes``.
     baseline : float32, shape (num_classes,)
     """
 
     feature: npt.NDArray[np.uint8]
     threshold: Float32
-    left: npt.NDArray[np.uint8]
-    right: npt.NDArray[np.uint8]
-    value: Float32
-    roots: npt.NDArray[np.int32]
+    mask: npt.NDArray[np.uint32]
+    first: npt.NDArray[np.int32]
+    leaves: Float32
     baseline: Float32
 
     def votes(self, features: Float32) -> Float32:
@@ -46,14 +48,11 @@ class Trees:
 
     def scores(self, features: Float32) -> Float32:
         """Sums of leaves, shape (n, num_classes)."""
-        num_rows = len(features)
-        root = np.broadcast_to(self.roots, (num_rows, self.roots.size))
-        at, row = root, np.arange(num_rows)[:, None]
-        for _ in range(MAX_NODES):
-            goes_left = features[row, self.feature[at]] <= self.threshold[at]
-            child = np.where(goes_left, self.left[at], self.right[at])
-            if not child.any():
-                break
-            at = np.where(child > 0, root + child, at)
-        leaves = self.value[at].reshape(num_rows, -1, self.baseline.size)
-        return np.asarray(leaves.sum(axis=1, dtype=np.float32) + self.baseline)
+        is_more = features[:, self.feature] > self.threshold
+        left = np.where(is_more, self.mask, np.uint32(0xFFFFFFFF))
+        left = np.bitwise_and.reduceat(left, self.first, axis=1)
+        lowest = left & (~left + np.uint32(1))
+        leaf = np.frexp(lowest)[1] - 1
+        values = self.leaves[np.arange(self.first.size), leaf]
+        sums = values.reshape(len(features), -1, self.baseline.size).sum(axis=1, dtype=np.float32)
+        return np.asarray(sums + self.baseline)

@@ -61,21 +61,21 @@ def test_two_classes_are_trees_too():
     assert np.mean((votes[:, 1] > 0.5) == (np.array(labels)[pair] == "r35")) > 0.95
 
 
-def test_a_tree_is_followed_from_its_root_to_its_leaf():
+def test_a_tree_leads_to_the_leaf_that_its_answers_leave():
     """One tree by hand: feature 1 at most 0.5, then feature 0 at most -1; and one of a leaf."""
+    leaves = np.zeros((2, 32), np.float32)
+    leaves[0, :3], leaves[1, 0] = (7.0, 8.0, 9.0), 2.0
     trees = Trees(
-        np.array([1, 0, 0, 0, 0, 0], np.uint8),
-        np.array([0.5, 0.0, -1.0, 0.0, 0.0, 0.0], np.float32),
-        np.array([1, 0, 3, 0, 0, 0], np.uint8),
-        np.array([2, 0, 4, 0, 0, 0], np.uint8),
-        np.array([0.0, 7.0, 0.0, 8.0, 9.0, 2.0], np.float32),
-        np.array([0, 5], np.int32),
+        np.array([1, 0, 0], np.uint8),
+        np.array([0.5, -1.0, 0.0], np.float32),
+        np.array([0xFFFFFFFE, 0xFFFFFFFD, 0xFFFFFFFF], np.uint32),
+        np.array([0, 2], np.int32),
+        leaves,
         np.array([0.25, 0.5], np.float32),
     )
     rows = np.array([[0, 0.5], [0, 0.6], [-1, 0.6], [-2, 0.4]], np.float32)
-    np.testing.assert_allclose(
-        trees.scores(rows), [[7.25, 2.5], [9.25, 2.5], [8.25, 2.5], [7.25, 2.5]]
-    )
+    expected = [[7.25, 2.5], [9.25, 2.5], [8.25, 2.5], [7.25, 2.5]]
+    np.testing.assert_allclose(trees.scores(rows), expected)
 
 
 def test_a_committee_is_the_mean_of_its_networks_probabilities():
