@@ -3,7 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 ERTIS := $(VENV)/bin/ertis
 STAMP := $(VENV)/.installed
-TRAINING_PINGS ?= 2000
+# Shipped models: chirp=random scenes to learn from.
+MODELS := hyperbolic:80000:20000:0.0025=8000 hyperbolic:50000:25000:0.0025=3000
 FUZZ_TARGETS := parser firmware frame mcap raw
 FUZZ_S ?= 60
 
@@ -42,12 +43,12 @@ fuzz: setup
 	    -max_total_time=$$(( $(FUZZ_S) / $(words $(FUZZ_TARGETS)) )) || exit 1; \
 	done
 
-# The shipped models, made again from nothing: simulated scenes, then training.
+# The shipped models, made again from nothing: simulated scenes (5 GB in out/), then training.
 models: setup
 	mkdir -p out
-	for chirp in hyperbolic:80000:20000:0.0025 hyperbolic:50000:25000:0.0025; do \
+	for made in $(MODELS); do \
 	  rm -f out/training.mcap && \
-	  $(ERTIS) simulate --random --seed 1 -n $(TRAINING_PINGS) --chirp $$chirp -o out/training.mcap && \
+	  $(ERTIS) simulate --random --seed 1 -n $${made#*=} --chirp $${made%=*} -o out/training.mcap && \
 	  $(ERTIS) train out/training.mcap -o detector/ertis_detector/models || exit 1; \
 	done
 	rm -f out/training.mcap
