@@ -134,6 +134,7 @@ class Acquisition(threading.Thread):
             self._queue.end()
 
     def _ping_on(self) -> None:
+        self._due_s = time.monotonic()
         while not self._stop_event.is_set():
             frame = self._ping_once() if self._is_time() else None
             self.sign_of_life_s = time.monotonic()

@@ -1,8 +1,10 @@
+import json
 import os
 import time
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from ertis_daemon.config import RecordConfig
 from ertis_daemon.recording.folder import NoRoom, RecordingFolder, state_folder
@@ -75,6 +77,30 @@ def test_a_trigger_records_the_pings_before_it_and_those_after(make):
     recorder.heard(frame(7))  # too late
     assert indices(path) == list(range(7))
     assert read_recording(path).info == INFO
+
+
+def test_events_are_recorded_with_their_pings_and_no_older_ones(make):
+    recorder = make(before_s=5.0, after_s=0.2)
+
+    def event(index):
+        landmark = {"class": "r48", "range_m": 1.0, "azimuth_rad": 0.0, "elevation_rad": 0.0}
+        return json.dumps({"ping_index": index, "landmarks": [landmark]}).encode()
+
+    recorder.published(event(0), 0)  # of a ping that is not kept any more
+    for index in range(1, 4):
+        recorder.heard(frame(index))
+        recorder.published(event(index), 1_000_000 * index)
+    path = recorder.trigger("new")
+    recorder.heard(frame(4))
+    recorder.published(event(4), 4_000_000)
+    wait_for(lambda: recorder._status.recordings == 1)
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        events = [
+            (message.log_time, json.loads(message.data)["ping_index"])
+            for _, _, message in reader.iter_messages(topics=["events"])
+        ]
+    assert events == [(1_000_000 * index, index) for index in range(1, 5)]
 
 
 def test_a_recording_of_no_time_at_all_is_none(make):

@@ -7,11 +7,13 @@ import re
 import threading
 import time
 from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from ertis_daemon.config import RecordConfig
+from ertis_daemon.events import dump_json, json_schema
 from ertis_daemon.recording.folder import MEGABYTE, NoRoom, RecordingFolder
 from ertis_daemon.recording.ring import FrameRing
 from ertis_daemon.status import Status
@@ -22,6 +24,7 @@ from ertis_driver.recording import RecordingInfo, RecordingWriter
 
 log = logging.getLogger(__name__)
 
+EVENTS_KEPT = 2048  # a minute's at 30 a second, 1.5 MB
 SPARE_FRAMES = 16  # that may wait for the disk beyond those of the ring
 MAX_SAVED = 10  # pings that could not be processed: the first ones tell
 LONGEST_S = 600.0  # one recording, however often it is triggered again
@@ -38,6 +41,7 @@ class _Recording:
     began_s: float
     ends_s: float
     frames: deque[PdmFrame]
+    events: deque[tuple[bytes, int]]
     room: int
     missed: int = 0
 
@@ -68,6 +72,7 @@ class Recorder(Closing):
         )
         keep_s = config.before_s if keeps_ring else 0.0
         self._ring = FrameRing(keep_s, config.memory_mb * MEGABYTE)
+        self._events: deque[tuple[bytes, int]] = deque(maxlen=EVENTS_KEPT)
         self._info: RecordingInfo | None = None
         self._changed = threading.Condition()
         self._now: _Recording | None = None
@@ -81,6 +86,7 @@ class Recorder(Closing):
         with self._changed:
             self._info = info
             self._ring.clear()
+            self._events.clear()
             self._finish()
 
     def heard(self, frame: PdmFrame) -> None:
@@ -97,6 +103,13 @@ class Recorder(Closing):
             else:
                 now.frames.append(frame)
                 self._changed.notify_all()
+
+    def published(self, event: bytes, time_ns: int) -> None:
+        """Keep an event with its ping, of that time. Returns at once."""
+        with self._changed:
+            self._events.append((event, time_ns))
+            if self._now is not None and len(self._now.events) < EVENTS_KEPT:
+                self._now.events.append((event, time_ns))
 
     def trigger(
         self, reason: str, before_s: float | None = None, after_s: float | None = None
@@ -130,7 +143,9 @@ class Recorder(Closing):
             if self._info is None:
                 raise NoRoom("the sonar was not open yet: nothing can be recorded of it")
             kept = self._ring.newest(config.before_s if before_s is None else before_s)
-            self._now = self._start(reason, kept, ends_s)
+            since_ns = kept[0].ping_time_ns if kept else 0
+            events = [one for one in self._events if kept and one[1] >= since_ns]
+            self._now = self._start(reason, kept, ends_s, events)
             return self._now.path
 
     def save(self, frame: PdmFrame, reason: str) -> Path | None:
@@ -157,14 +172,22 @@ class Recorder(Closing):
             if thread.is_alive():
                 log.warning("a recording did not end within %g s: its last pings are lost", JOIN_S)
 
-    def _start(self, reason: str, frames: list[PdmFrame], ends_s: float) -> _Recording:
+    def _start(
+        self,
+        reason: str,
+        frames: list[PdmFrame],
+        ends_s: float,
+        events: Sequence[tuple[bytes, int]] = (),
+    ) -> _Recording:
         assert self._info is not None
         if self._closed or len(self._waiting) == self._waiting.maxlen:
             raise NoRoom("more recordings than the disk takes: wait for those under way")
         path = self._folder.new_path(re.sub(r"[^\w-]", "-", reason) or "on-demand")
         room = len(frames) + SPARE_FRAMES
         began_s = time.monotonic()
-        recording = _Recording(path, self._info, began_s, ends_s, deque(frames), room)
+        recording = _Recording(
+            path, self._info, began_s, ends_s, deque(frames), deque(events), room
+        )
         self._waiting.append(recording)
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -198,13 +221,16 @@ class Recorder(Closing):
     def _write(self, recording: _Recording) -> None:
         size = 4 * recording.info.num_words
         self._folder.make_room(recording.path, size * (len(recording.frames) + 1))
-        writer = RecordingWriter(recording.path, recording.info)
+        schema = dump_json(json_schema())
+        writer = RecordingWriter(recording.path, recording.info, event_schema=schema)
         try:
             with writer:
                 while (frame := self._next(recording)) is not None:
                     if writer.pings_written % SPARE_FRAMES == 0:
                         self._folder.make_room(recording.path, SPARE_FRAMES * size)
                     writer.write(frame)
+                while recording.events:
+                    writer.write_event(*recording.events.popleft())
         finally:
             if not writer.pings_written:  # a full disk: what came before it is worth keeping
                 with suppress(OSError):
