@@ -41,7 +41,11 @@ def shade(axes: Any, mesh: Mesh, pitch_deg: float, title: str) -> None:
     colors = np.column_stack([bright * 0.85, bright * 0.9, bright])
     axes.add_collection(
         PolyCollection(
-            corners[front][order][:, :, :2], facecolors=colors, edgecolors=colors, lw=0.2
+            corners[front][order][:, :, :2],
+            facecolors=colors,
+            edgecolors=colors,
+            lw=0.4,
+            antialiased=False,
         )
     )
     axes.set_aspect("equal")
@@ -62,6 +66,7 @@ def main() -> None:
     for side in (-1, 1):
         section.fill(side * profile[:, 0], profile[:, 1], color="#8899aa")
     section.annotate("sonar", (0, 45), (0, 62), ha="center", arrowprops={"arrowstyle": "<-"})
+    section.set_ylim(-20, 70)
     section.set_aspect("equal")
     section.set_xlabel("mm")
     section.set_ylabel("z (mm)")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import os
 import sys
@@ -40,6 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the findings."""
+    import dataclasses
+
     from ertis_daemon.dataset.checks import check_heard, check_table
     from ertis_driver.dataset import manifest_hash, read_table
     from ertis_driver.errors import DatasetError, SettingsError

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 from pathlib import Path
 
@@ -30,6 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print what was found."""
+    import dataclasses
+
     from ertis_daemon.checkup import check_all
     from ertis_daemon.config import Config
     from ertis_daemon.config_read import load_config

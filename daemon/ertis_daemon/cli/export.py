@@ -15,12 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the parts and their flags."""
     parts = parser.add_subparsers(dest="part", metavar="PART", required=True)
     for name, text in PARTS.items():
-        part = parts.add_parser(
-            name,
-            help=text,
-            description=text,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
+        part = parts.add_parser(name, help=text, description=text)
         _module(name).add_arguments(part)
     parser.epilog = "Example:\n  ertis export landmark --radius 48 -o r48.stl\n"
 

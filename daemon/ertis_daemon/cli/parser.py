@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NoReturn
 
+TYPE_CHECKING = False  # typing's own, without the milliseconds of importing it
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from typing import Any, NoReturn
+
+_LEAST_COLUMNS = 40
 DESCRIPTION = "Landmark recognition with the eRTIS in-air sonar."
 EPILOG = """\
 example:
@@ -21,11 +26,18 @@ Results go to stdout, messages to stderr. `ertis COMMAND --help` tells more of a
 """
 
 
+class Formatter(argparse.RawDescriptionHelpFormatter):
+    """As wide as the terminal; argparse would import all of shutil to find that out."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=_columns() - 2)
+
+
 class Parser(argparse.ArgumentParser):
     """Keeps the line breaks of epilogs, and says which word may have been meant."""
 
     def __init__(self, **options: Any) -> None:
-        options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        options.setdefault("formatter_class", Formatter)
         super().__init__(**options)
         self.said: Sequence[str] = ()
 
@@ -93,6 +105,16 @@ def flags_of(parser: argparse.ArgumentParser) -> list[str]:
         long = [flag for flag in action.option_strings if flag.startswith("--")]
         flags += long or action.option_strings
     return flags
+
+
+def _columns() -> int:
+    asked = os.environ.get("COLUMNS", "")
+    if asked.isdecimal() and int(asked) > _LEAST_COLUMNS:
+        return int(asked)
+    try:
+        return max(os.get_terminal_size(sys.__stdout__.fileno()).columns, _LEAST_COLUMNS)  # type: ignore[union-attr]
+    except (AttributeError, ValueError, OSError):  # no terminal
+        return 80
 
 
 def _add_example(name: str, command: argparse.ArgumentParser) -> None:
