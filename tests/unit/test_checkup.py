@@ -11,7 +11,7 @@ import zenoh
 from ertis_daemon import checkup
 from ertis_daemon.cli import main
 from ertis_daemon.config import ChirpConfig, Config, ZenohConfig
-from ertis_daemon.publisher import close_session, open_session, session_config
+from ertis_daemon.zenoh_session import close_session, open_session, session_config
 from ertis_driver.discover import Holder, PluggedIn
 
 SONAR = PluggedIn(
