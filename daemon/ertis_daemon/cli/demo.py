@@ -20,7 +20,7 @@ SETTLE_S = 1.0  # the last event: recovered after 0.5 s, should it be lost
 POLL_S = 0.1
 PING_RATE_HZ = 5.0  # leaves the simulator and two cores time for the rest
 # A demo of seconds shows what is likely; a robot waits until it is sure.
-FALSE_EVENTS_PER_HOUR = 3600.0
+FALSE_EVENTS_PER_HOUR = 60.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
