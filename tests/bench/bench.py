@@ -25,7 +25,7 @@ def main() -> None:
 
     import numpy as np
     import scipy
-    from contests import bench_all, demo_words
+    from contests import bench_all, bench_proposals, demo_words
     from simulation import bench_simulation
 
     from ertis_daemon.memory import keep_freed_memory
@@ -39,6 +39,8 @@ def main() -> None:
     )
     bench_simulation()
     bench_all("simulated demo scene", demo_words(DEFAULT_CHIRP), DEFAULT_CHIRP, args.rounds)
+    print("\n=== proposals ===")
+    bench_proposals(DEFAULT_CHIRP, args.rounds, np.random.default_rng(2))
     if args.reference:
         words = np.fromfile(args.reference, "<u4").astype(np.uint32)[:DEFAULT_NUM_WORDS]
         bench_all(args.reference.name, words, INCUMBENT_CHIRP, args.rounds)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from importlib import resources
 
 import numpy as np
@@ -13,7 +14,8 @@ from user_script import UserScript, bits_of
 
 from ertis_daemon.config import Config
 from ertis_daemon.events import SCHEMA, LandmarkEvent, LandmarkReport
-from ertis_daemon.pipeline import Heard, build_pipeline, build_scanner
+from ertis_daemon.pipeline import Heard, build_detector, build_pipeline, build_scanner
+from ertis_detector.detector import LandmarkDetector
 from ertis_detector.proposals import propose
 from ertis_detector.scanner import Scanner
 from ertis_driver.audio import PdmDecoder
@@ -33,6 +35,18 @@ def demo_words(chirp: Chirp) -> np.ndarray:
 
     with resources.as_file(resources.files("ertis_simulator") / "scenes/demo.yaml") as path:
         scene = load_scene(path)
+    return scene.hear(0, DEFAULT_NUM_WORDS, chirp.samples(AUDIO_RATE_HZ))
+
+
+def empty_words(chirp: Chirp) -> np.ndarray:
+    """Nothing to return sound: no wall, no floor, no landmark; only the sensor's own noise."""
+    from ertis_simulator.path import Pose
+    from ertis_simulator.room import Room
+    from ertis_simulator.scene import Scene
+
+    everywhere = (-np.inf, np.inf)
+    room = Room(everywhere, everywhere, floor_reflection=0.0)
+    scene = Scene(room, Pose((0.0, 0.0, 0.6), 0.0))
     return scene.hear(0, DEFAULT_NUM_WORDS, chirp.samples(AUDIO_RATE_HZ))
 
 
@@ -126,6 +140,29 @@ def bench_frame(
     )
     heard = pipeline.process(frame)
     print(f"  {len(heard.tracks)} tracks, {heard.half_words_repaired} half-words mended")
+
+
+def bench_proposals(chirp: Chirp, rounds: int, rng: np.random.Generator) -> None:
+    """Detection alone, with nothing to look at and with as much as is ever looked at."""
+    contenders: dict[str, Callable[[], object]] = {}
+    counts = {}
+    for name, words in (("empty scene", empty_words(chirp)), ("demo scene", demo_words(chirp))):
+        detector = build_detector(Settings(chirp=chirp), TEMPERATURE_C)
+        decoder, audio = PdmDecoder(), np.empty((32, words.size // 10), np.float32)
+        scan = detector.scan(decoder.decode(words, audio).audio)
+        counts[name] = len(scan.candidates)
+        contenders[name] = partial(_frame_to_detections, decoder, detector, words, audio)
+    times = measure(contenders, rounds, rng)
+    print_table("Frame to detections", times, "empty scene")
+    print(f"  located proposals: {counts}")
+    for name, least in (("empty scene", 3), ("demo scene", 1)):
+        print_target(f"{name}, x the 27.5 Hz ceiling", 1e3 / times[name].min() / CEILING_HZ, least)
+
+
+def _frame_to_detections(
+    decoder: PdmDecoder, detector: LandmarkDetector, words: np.ndarray, audio: np.ndarray
+) -> object:
+    return detector.detect(decoder.decode(words, audio).audio)
 
 
 def bench_stages(words: np.ndarray, chirp: Chirp, rounds: int, rng: np.random.Generator) -> None:
