@@ -17,7 +17,8 @@ from ertis_detector.locate import Location, locate
 from ertis_detector.proposals import Proposal, propose
 
 MAX_PROPOSALS = 8  # a frame with eight must still fit into one ping period
-MIN_SNR_DB = 10.0
+MIN_SNR_DB = 12.0  # the noise's own highest peaks are 10 over its mean
+NEAREST_M = 0.58  # nearer, only the emitter's ringing is heard
 # Further up or down the emitter's beam leaves nothing, but floor and ceiling.
 MAX_ELEVATION_RAD = np.deg2rad(30.0)
 OWN_ECHO_DB, OWN_ECHO_RANGE_M = 9.0, 0.25
@@ -106,11 +107,14 @@ class Scanner:
         Parameters
         ----------
         within_m : (nearest, furthest) or None
-            Ranges looked at; None for all.
+            Ranges looked at; None for all from ``NEAREST_M``.
         """
         floor = scape.noise_floor
         proposals = propose(
-            scape, max_count=MAX_PROPOSALS, min_snr_db=MIN_SNR_DB, within_m=within_m
+            scape,
+            max_count=MAX_PROPOSALS,
+            min_snr_db=MIN_SNR_DB,
+            within_m=within_m or (NEAREST_M, np.inf),
         )
         return [
             Candidate(at, float(10 * np.log10(max(at.power, floor) / floor)))
