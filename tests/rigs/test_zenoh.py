@@ -135,9 +135,10 @@ def ask(session, key):
 def test_a_plain_subscriber_gets_events_that_fit_the_served_schema(publisher, reader):
     subscriber = reader.declare_subscriber("ertis/t/landmarks", zenoh.handlers.FifoChannel(100))
     hear_first(publisher, subscriber)
-    for index in range(20):
+    samples = []
+    for index in range(20):  # a burst may be dropped: a plain subscriber has no promise
         publisher.publish(event(index))
-    samples = drain(subscriber, 20)
+        samples += drain(subscriber, 1)
     ((key, encoding, schema),) = ask(reader, "ertis/t/schema")
     assert (key, encoding) == ("ertis/t/schema", "application/schema+json")
     for index, sample in enumerate(samples):
