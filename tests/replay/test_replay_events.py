@@ -9,6 +9,7 @@ import pytest
 import ertis_simulator
 from ertis_daemon.cli import main
 from ertis_daemon.config import Config
+from ertis_daemon.config_read import parse_config
 from ertis_daemon.pipeline import build_pipeline
 from ertis_daemon.service import Service
 from ertis_driver.chirp import DEFAULT_CHIRP
@@ -18,6 +19,8 @@ from ertis_driver.recording import RecordingInfo, RecordingWriter, open_recordin
 from ertis_simulator.scene_file import load_scene
 
 NUM_WORDS = 163_840
+# Each landmark at once, not when a tracker is sure of it.
+EAGER = "tracker: {max_false_events_per_hour: 3600}\n"
 DEMO = Path(ertis_simulator.__file__).parent / "scenes/demo.yaml"
 
 
@@ -33,7 +36,7 @@ class Listing:
     def publish_status(self, status):
         pass
 
-    def close(self):
+    def publish_raw(self, frame):
         pass
 
 
@@ -54,7 +57,7 @@ def recordings(tmp_path_factory):
 
 
 def events_of(address):
-    config = Config()
+    config = parse_config(EAGER.encode())
     sonar, listing = open_device(address), Listing()
     sonar.configure(config.settings())
     pipeline = build_pipeline(config, sonar.settings)
@@ -84,7 +87,7 @@ def test_a_round_of_a_loop_differs_in_nothing_but_time_and_history(recordings):
 
 
 def test_the_command_publishes_what_the_recording_holds(recordings, tmp_path, capsys):
-    (tmp_path / "e.yaml").write_text("zenoh: {connect: [], listen: [tcp/localhost:0]}\n")
+    (tmp_path / "e.yaml").write_text("zenoh: {connect: [], listen: [tcp/localhost:0]}\n" + EAGER)
     argv = ["replay", str(recordings[1]), "--rate", "0", "--config", str(tmp_path / "e.yaml")]
     assert main([*argv, "--json"]) == 0
     counters = json.loads(capsys.readouterr().out)

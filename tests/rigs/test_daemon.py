@@ -204,7 +204,7 @@ def test_what_is_wrong_with_one_sonar_ends_that_one_only_and_a_reload_heals_it(
     good = f"a: {{device: {{address: 'serial:{cables('a').path}'}}}}"
     daemon = run(f"sonars: {{{good}, b: {{device: {{address: 'replay:{bad}'}}}}}}\n")
     status = daemon.wait("b", state="failed")
-    assert status["reason"].startswith("RecordingError: ")
+    assert status["reason"].startswith("RecordingDamaged: ")
     daemon.wait("a", state="running", pings_heard=2)
 
     daemon.configure(f"sonars: {{{good}, b: {{queue_size: 0}}}}\n")
