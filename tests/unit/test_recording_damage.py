@@ -45,11 +45,12 @@ def test_a_truth_nested_without_end_is_a_recording_error(tmp_path):
 
 def hostile_files(folder):
     """Small files that ask for much memory, one way or another."""
-    zeros = zstandard.ZstdCompressor().compressobj()
-    packed = {
-        "zstd": b"".join(zeros.compress(bytes(1 << 20)) for _ in range(80)) + zeros.flush(),
-        "lz4": lz4.frame.compress(bytes(32 << 20)),
-    }
+    piece, pieces = bytes(1 << 20), 600
+    zstd = zstandard.ZstdCompressor().compressobj()
+    packed = {"zstd": b"".join(zstd.compress(piece) for _ in range(pieces)) + zstd.flush()}
+    with lz4.frame.LZ4FrameCompressor() as lz:
+        parts = [lz.begin(), *(lz.compress(piece) for _ in range(pieces)), lz.flush()]
+    packed["lz4"] = b"".join(parts)
     info = to_strings(RecordingInfo("sim", None, 32_768))
     for kind, data in packed.items():
         for size in (1 << 26, 1 << 62) if kind == "zstd" else (1 << 24, 1 << 30):
