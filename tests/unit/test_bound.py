@@ -87,7 +87,6 @@ def test_echoes_that_are_alike_cannot_be_told_apart(beam):
     same = Hypotheses(all_of.radius, all_of.tilt_rad, alike, all_of.ratio)
     scores = score(ear, same, one_side(same)[::2], (10.0,), 2, np.random.default_rng(3))
     assert scores.right.mean() == pytest.approx(0.25, abs=0.12)  # ties fall as rounding has them
-    assert scores.detected.mean() == 1.0
 
 
 def test_false_alarms_are_as_many_as_said(beam):

@@ -60,7 +60,7 @@ def test_detect_takes_the_air_of_each_ping(tmp_path, capsys):
             scene = Scene(room, Pose((0.0, 0.0, 0.6), 0.0), (dish,), air=Air(temperature_c))
             words = scene.hear(index, 163_840, DEFAULT_CHIRP.samples(450e3))
             writer.write(PdmFrame(words, index, 0), temperature_c=temperature_c)
-    assert main(["detect", str(path), "--json"]) == 0
+    assert main(["detect", str(path), "--json", "--min-probability", "0.5"]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     for line in lines:
         assert [one["class"] for one in line["landmarks"]] == ["r58"]

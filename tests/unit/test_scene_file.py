@@ -5,7 +5,7 @@ import pytest
 
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.chirp import DEFAULT_CHIRP
-from ertis_simulator.dataset import MAX_AZIMUTH_RAD, RANGE_M, random_scene
+from ertis_simulator.dataset import RANGE_M, WIDE_AZIMUTH_RAD, random_scene
 from ertis_simulator.errors import SceneError
 from ertis_simulator.noise_sources import AirGun, OtherSonar, Tone
 from ertis_simulator.objects import LIKE_A_LANDMARK
@@ -198,7 +198,7 @@ def test_random_scenes_hold_landmarks_within_reach_and_decoys_of_other_shapes():
         for item in scene.dishes:
             x, y, _ = item.vertex_m
             assert RANGE_M[0] <= np.hypot(x, y) <= RANGE_M[1]
-            assert abs(np.arctan2(y, x)) <= MAX_AZIMUTH_RAD
+            assert abs(np.arctan2(y, x)) <= WIDE_AZIMUTH_RAD
             assert scene.room.x_m[0] < x < scene.room.x_m[1]
             assert scene.room.y_m[0] < y < scene.room.y_m[1]
             ratio = item.dish.depth_m / item.dish.aperture_radius_m

@@ -75,7 +75,7 @@ def dataset(heard, tmp_path_factory):
         "file_name,label,range_m,azimuth_deg,yaw_deg,environment,session,operator,sha256,quality"
     ]
     for number, (label, words, _) in enumerate(heard):
-        name = f"yard/s{number % 8}/{number:04d}_{label}.mcap"
+        name = f"yard/s{number // 8}/{number:04d}_{label}.mcap"
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         with RecordingWriter(path, RecordingInfo("live", DEFAULT_CHIRP, NUM_WORDS)) as writer:
@@ -84,7 +84,7 @@ def dataset(heard, tmp_path_factory):
         yaw = f"{np.rad2deg(0.01 * (number % 20)):.1f}" if label != NONE else ""
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         where = f"{range_m:.3f},{np.rad2deg(azimuth):.1f}"
-        lines.append(f"{name},{label},{where},{yaw},yard,s{number % 8},me,{digest},good")
+        lines.append(f"{name},{label},{where},{yaw},yard,s{number // 8},me,{digest},good")
     (folder / "metadata.csv").write_text("\n".join(lines) + "\n")
     return folder
 
