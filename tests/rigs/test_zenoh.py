@@ -249,17 +249,20 @@ def test_a_key_that_is_none_is_one_line(network):
     assert "\n" not in str(caught.value)
 
 
-def test_the_emulate_command_names_its_port_first_and_answers_there(tmp_path):
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_the_emulate_command_names_its_port_first_and_answers_there(tmp_path, options):
     recording = tmp_path / "r.bin"
     recording.write_bytes(np.random.default_rng(1).bytes(4 * 32_768))
+    command = [sys.executable, "-m", "ertis_daemon.cli", "emulate", "--replay", str(recording)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "ertis_daemon.cli", "emulate", "--replay", str(recording)],
+        [*command, *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
     try:
-        port = process.stdout.readline().strip()
+        said = process.stdout.readline().strip()
+        port = json.loads(said)["port"] if options else said
         with open_device(f"serial:{port}") as sonar:
             sonar.configure(Config(num_words=32_768).settings())
             assert sonar.ping().words.tobytes() == recording.read_bytes()

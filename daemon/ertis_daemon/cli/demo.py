@@ -28,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds", type=float, default=20.0, metavar="N", help="from the first ping, default 20"
     )
+    parser.add_argument(
+        "--json", action="store_true", help="print events and the result, JSON Lines"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -35,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ertis-demo-")))
         flag = stack.enter_context(stop_on_signals(patient=True))
-        demo = Demo(folder, flag)
+        demo = Demo(folder, flag, as_json=args.json)
         try:
             demo.play(args.seconds)
         except DemoError as error:
@@ -59,7 +62,8 @@ class DemoError(Exception):
 class Demo:
     """Three processes and what they leave in one folder."""
 
-    def __init__(self, folder: Path, flag: StopFlag) -> None:
+    def __init__(self, folder: Path, flag: StopFlag, *, as_json: bool) -> None:
+        self._as_json = as_json
         self._folder = folder
         self._flag = flag
         self._truth = folder / "truth.jsonl"
@@ -119,7 +123,8 @@ class Demo:
         path = self._folder / "ertis.yaml"
         path.write_text(example_yaml(config))
         # The monitor goes first and keeps trying, so that no event is missed.
-        arguments = ["monitor", "--lines", "--connect", locator, "--log", str(self._events)]
+        form = "--json" if self._as_json else "--lines"
+        arguments = ["monitor", form, "--connect", locator, "--log", str(self._events)]
         self._run("monitor", arguments, None)
         with self._counters.open("wb") as file:
             self._run("daemon", ["run", "--config", str(path), "--json"], file)
@@ -167,6 +172,7 @@ class Demo:
         TruthError
             If a process left no or damaged results.
         """
+        from ertis_daemon.events import dump_json
         from ertis_daemon.truth import TruthError, compare, read_jsonl, summary
 
         counters = read_jsonl(self._counters)
@@ -175,6 +181,9 @@ class Demo:
         events = read_jsonl(self._events)
         landmarks = sum(len(event["landmarks"]) for event in events)
         score = compare(events, read_jsonl(self._truth))
+        if self._as_json:
+            told = {"source": "sim", "pings_heard": counters[-1]["pings_heard"]}
+            return dump_json({**told, "events": len(events), "score": score}).decode()
         return (
             f"heard {counters[-1]['pings_heard']} simulated pings, {len(events)} events with "
             f"{landmarks} landmarks: {summary(score)}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -62,6 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="linux",
         help="what A means: 1 is active for the incumbent's Linux client, 0 for the Windows one",
     )
+    parser.add_argument("--json", action="store_true", help="print the port as a JSON object")
     parser.add_argument("--no-amplifier", action="store_true", help="decline K, as some boards do")
     parser.add_argument("--no-trigger", action="store_true", help="decline J, as some boards do")
     parser.add_argument(
@@ -84,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("--truth is for --scene: nobody knows the truth of a recording")
     faults = _faults(args)
     source, mark = _source(args)
+    say = _say_json if args.json else _say
     declined = {"K": args.no_amplifier, "J": args.no_trigger}
     with stop_on_signals() as flag:
         emulator = Emulator(
@@ -93,11 +96,11 @@ def run(args: argparse.Namespace) -> int:
             unsupported=[letter for letter, off in declined.items() if off],
             faults=faults,
             link=args.link,
-            on_plug=_say,
+            on_plug=say,
         )
         try:
             with _edges_on_signals(emulator):
-                _say(emulator.path)
+                say(emulator.path)
                 emulator.serve(flag.event)
         finally:
             emulator.close()
@@ -106,6 +109,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _say(path: str) -> None:
     print(path, flush=True)
+
+
+def _say_json(path: str) -> None:
+    print(json.dumps({"port": path}), flush=True)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from pathlib import Path
@@ -50,6 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--chirp", metavar="KIND:START:STOP:SECONDS", help="default hyperbolic:80000:20000:0.0025"
     )
+    parser.add_argument(
+        "--json", action="store_true", help="print what was made as one JSON object"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -77,7 +81,20 @@ def run(args: argparse.Namespace) -> int:
         _plot(args, chirp)
     if args.output is not None:
         _record(args, chirp)
+    if args.json:
+        pings = _num_pings(args) if args.output is not None else 0
+        print(
+            json.dumps({"recording": _text(args.output), "plot": _text(args.plot), "pings": pings})
+        )
     return 0
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
+
+
+def _num_pings(args: argparse.Namespace) -> int:
+    return _DEFAULT_PINGS if args.pings is None else int(args.pings)
 
 
 def _dataset(args: argparse.Namespace, chirp: Chirp) -> int:
@@ -99,6 +116,9 @@ def _dataset(args: argparse.Namespace, chirp: Chirp) -> int:
         made = make_dataset(args.dataset, spec, _workers(args), lambda done: _show(done, num_pings))
     finally:
         _end_progress()
+    if args.json:
+        print(json.dumps({"dataset": str(args.dataset), "pings": num_pings, "made_now": made}))
+        return 0
     print(f"{args.dataset}: {num_pings} simulated pings, {made} of them made now", file=sys.stderr)
     return 0
 
@@ -110,7 +130,7 @@ def _record(args: argparse.Namespace, chirp: Chirp) -> None:
     from ertis_driver.frame import DEFAULT_NUM_WORDS, PdmFrame
     from ertis_driver.recording import RecordingInfo, RecordingWriter
 
-    num_pings = _DEFAULT_PINGS if args.pings is None else args.pings
+    num_pings = _num_pings(args)
     jobs = _jobs(args, chirp, num_pings)
     info = RecordingInfo("sim", chirp, DEFAULT_NUM_WORDS, address=_address(args))
     if args.output.exists():

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="rewrite the tables between this page's markers",
     )
     parser.add_argument("--images", type=Path, metavar="FOLDER", help="draw validation_*.png there")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -46,6 +49,10 @@ def run(args: argparse.Namespace) -> int:
         "modulator": pdm_checks,
     }
     checks = {name: module.checks() for name, module in groups.items()}
+    said: dict[str, Any] = {
+        name: [{**dataclasses.asdict(check), "agrees": bool(check.agrees)} for check in found]
+        for name, found in checks.items()
+    }
     tables = {name: checks_table(found) for name, found in checks.items()}
     failed = sum(not check.agrees for found in checks.values() for check in found)
     real_words = None
@@ -55,9 +62,13 @@ def run(args: argparse.Namespace) -> int:
         simulated = pooled([figures(twin(seed)) for seed in range(TWINS)])
         rows = compare(real, simulated)
         tables["real ping"] = rows_table(rows)
+        said["real ping"] = [dataclasses.asdict(row) for row in rows]
         failed += sum(row.allowed is not None and abs(row.difference) > row.allowed for row in rows)
-    for table in tables.values():
-        print(table, end="\n\n")
+    if args.json:
+        print(json.dumps({"source": "sim", "exceeded": failed, **said}))
+    else:
+        for table in tables.values():
+            print(table, end="\n\n")
     if args.page is not None:
         page = args.page.read_text(encoding="utf-8")
         for name, table in tables.items():
