@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ertis_daemon.config import Config, SonarConfig
 from ertis_daemon.layers import Sources
@@ -18,11 +18,14 @@ from ertis_daemon.serving.commands import Commands
 from ertis_daemon.serving.life import SonarLife
 from ertis_daemon.serving.notify import Notifier
 from ertis_daemon.serving.outputs import FanOut, Publisher
-from ertis_daemon.serving.reload import ReloadError, check_models, compare
+from ertis_daemon.serving.reload import WHOLE, ReloadError, check_models, compare
 from ertis_daemon.status import Status
 from ertis_daemon.turns import Turns
-from ertis_daemon.zenoh_session import Network
+from ertis_daemon.zenoh_session import Network, session_config
 from ertis_driver.errors import ErtisError
+
+if TYPE_CHECKING:
+    from ertis_daemon.ros2.node import RosNode
 
 log = logging.getLogger(__name__)
 
@@ -58,6 +61,7 @@ class Daemon:
         self._asked: list[Future[Sequence[str]]] = []
         self._asked_lock = threading.Lock()
         self._network: Network | None = None
+        self._ros2: RosNode | None = None
         self._seen: dict[str, int] = {"routers": 0, "peers": 0}
         self._look_s = 0.0
 
@@ -78,6 +82,7 @@ class Daemon:
         """
         with ExitStack() as stack:
             self._network = stack.enter_context(Network(self._config.zenoh))
+            self._ros2 = self._open_ros2(stack)
             stack.callback(self._end_all)
             self._serve_metrics(stack)
             for sonar in self._config.each_sonar():
@@ -149,16 +154,30 @@ class Daemon:
         assert self._network is not None
         zenoh, name = self._config.zenoh, sonar.device.name
         obey = Commands(lambda: self._lives.get(name), self.reload) if zenoh.commands else None
-        return [
+        info, effective = waiting_info(sonar), sonar.to_json()
+        session = self._network.session
+        publishers: list[Publisher] = [
             ZenohPublisher(
-                self._network.session,
-                name,
-                info=waiting_info(sonar),
-                effective_config=sonar.to_json(),
-                raw=zenoh.raw,
-                obey=obey,
+                session, name, info=info, effective_config=effective, raw=zenoh.raw, obey=obey
             )
         ]
+        if self._ros2 is not None:
+            from ertis_daemon.ros2.publisher import Ros2Publisher
+
+            publishers.append(Ros2Publisher(self._ros2, name, info))
+        return publishers
+
+    def _open_ros2(self, stack: ExitStack) -> RosNode | None:
+        if not self._config.ros2.enabled:
+            return None
+        from ertis_daemon.ros2.extra import require
+
+        require()
+        from ertis_daemon.ros2.node import RosNode
+
+        zenoh = self._config.zenoh
+        described = session_config(zenoh.mode, zenoh.connect, zenoh.listen, zenoh.tls)
+        return stack.enter_context(RosNode(self._config.ros2, described))
 
     def _turns_of(self, sonar: SonarConfig) -> Turns | None:
         if not sonar.take_turns:
@@ -235,7 +254,7 @@ class Daemon:
 def _with_old(new: Config, old: Config) -> Config:
     import dataclasses
 
-    return dataclasses.replace(new, zenoh=old.zenoh, prometheus=old.prometheus)
+    return dataclasses.replace(new, **{name: getattr(old, name) for name in WHOLE})
 
 
 def _told(name: str, life: SonarLife) -> str:
