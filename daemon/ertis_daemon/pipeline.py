@@ -47,7 +47,6 @@ class TrackLike(Protocol):
 class Heard:
     """What one ping told.
 
-    detections : of this ping alone, most probable first
     odometry_garbled : int
         Poses that could not be read since the ping before.
     without_odometry : bool
@@ -58,7 +57,6 @@ class Heard:
     half_words_repaired: int = 0
     odometry_garbled: int = 0
     without_odometry: bool = False
-    detections: Sequence[Detection] = ()
     decoded: DecodedAudio | None = None  # until the next ping: its memory is used again
 
 
@@ -124,7 +122,6 @@ class DetectorPipeline:
             decoded.half_words_repaired,
             odometry_garbled=told.garbled if told else 0,
             without_odometry=told is not None and not told.is_known,
-            detections=detections,
             decoded=decoded,
         )
 
