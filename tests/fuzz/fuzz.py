@@ -3,6 +3,7 @@
 Corpus and failing inputs go to FOLDER; ``... TARGET FOLDER FILE`` runs a failing input again.
 """
 
+import logging
 import sys
 import tempfile
 from pathlib import Path
@@ -17,6 +18,7 @@ def main():
         import targets
     from seeds import seeds
 
+    logging.disable(logging.CRITICAL)
     target, folder, *options = sys.argv[1:]
     folder = Path(folder)
     corpus = folder / target

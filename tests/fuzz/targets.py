@@ -1,6 +1,5 @@
 """What is fuzzed, and what must hold of it. Imported under instrumentation by ``fuzz``."""
 
-import logging
 import tempfile
 from pathlib import Path
 
@@ -17,8 +16,6 @@ from ertis_driver.recording import open_recording
 MAX_ANSWERED_WORDS = 65_536  # a longer frame only takes time
 
 VERSION = protocol.encode_reply(protocol.encode_version("2.3.4", "sim"))
-
-logging.disable(logging.CRITICAL)
 
 
 def parser(data):
