@@ -26,7 +26,16 @@ METADATA_COPY = "ertis.copy"  # the same once more: one damaged bit shall not co
 MAX_TEXT_CHARS = 2000  # of each free text
 
 Position = tuple[float, float, float]
-_TEXTS = ("operator", "place", "note", "licence", "started", "amplifier", "external_trigger")
+_TEXTS = (
+    "operator",
+    "place",
+    "note",
+    "licence",
+    "started",
+    "amplifier",
+    "external_trigger",
+    "label",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +64,8 @@ class RecordingInfo:
         How often the chirp is emitted in one ping.
     amplifier, external_trigger : str
         As the device was asked: ``on``, ``off`` or empty; ``pin 1 active`` or the like, or empty.
+    label : str
+        Of a labelled data set's ping, as it was recorded, JSON; its table is what holds.
     part : int
         Number of this file in a recording that was split, from 1; 0 for a whole one.
     mic_positions_m : tuple of (x, y, z)
@@ -81,6 +92,7 @@ class RecordingInfo:
     emissions: int = 1
     amplifier: str = ""
     external_trigger: str = ""
+    label: str = ""
     part: int = 0
     mic_positions_m: tuple[Position, ...] = field(default_factory=lambda: _layout())
 

@@ -196,7 +196,7 @@ def labelled_truth(row: DatasetRow, recorded: dict[str, Any] | None) -> dict[str
     RecordingError
         If a landmark's row lacks its range or bearing.
     """
-    if recorded is not None and _first_label(recorded) == row.label:
+    if recorded is not None and "landmarks" in recorded and _first_label(recorded) == row.label:
         return recorded
     group = f"{row.environment}/{row.session}"
     if row.label == NONE:
@@ -219,5 +219,5 @@ def labelled_truth(row: DatasetRow, recorded: dict[str, Any] | None) -> dict[str
 
 
 def _first_label(truth: dict[str, Any]) -> str:
-    landmarks = truth.get("landmarks", [])
+    landmarks = truth["landmarks"]
     return str(landmarks[0]["label"]) if landmarks else NONE

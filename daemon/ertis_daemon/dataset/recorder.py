@@ -6,6 +6,8 @@ about to be done; the recording is renamed; the table is replaced. Resuming look
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -83,8 +85,10 @@ class DatasetRecorder:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             part.unlink(missing_ok=True)
+            said = label.said(place)
+            info = dataclasses.replace(info, label=json.dumps(said))
             with RecordingWriter(part, info) as writer:
-                writer.write(frame, {"label": label.said(place)})
+                writer.write(frame, {"label": said})
             _sync_file(part)
             row = DatasetRow(
                 file_name=name,
