@@ -38,6 +38,7 @@ class Cable:
     def __init__(self, link):
         self.link = link
         self.emulator = None
+        self.lock = threading.Lock()  # a test may pull it from a thread, and end meanwhile
 
     def plug(self, source=None):
         self.emulator = Emulator(source or Ramp())
@@ -47,10 +48,11 @@ class Cable:
         new.rename(self.link)
 
     def unplug(self):
-        if self.emulator is not None:
-            self.link.unlink()
-            self.emulator.close()
-            self.emulator = None
+        with self.lock:
+            if self.emulator is not None:
+                self.link.unlink()
+                self.emulator.close()
+                self.emulator = None
 
 
 @pytest.fixture
