@@ -150,6 +150,7 @@ def test_enter_keeps_what_was_said_also_in_the_next_run(tmp_path, port, record):
     info, _ = open_dataset(folder).read(rows[3])
     said = json.loads(info.label)  # as it was recorded, whatever the table is corrected to
     assert (said["label"], said["range_m"], said["environment"]) == ("r48", 2.26, "hall")
+    assert (info.operator, info.place) == ("ann", "hall/s1")
 
 
 def test_a_wrong_word_changes_nothing_and_pings_nothing(tmp_path, port, record):

@@ -123,6 +123,8 @@ class Session:
             place.temperature_c,
             about.firmware,
             about.address,
+            operator=place.operator,
+            place=f"{place.environment}/{place.session}",
         )
         row = self._recorder.add(frame, label, place, info, judgement.quality)
         self.tally.recorded += 1
