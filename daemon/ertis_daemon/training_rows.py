@@ -6,14 +6,15 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ertis_daemon.labelled import recorded_truth
 from ertis_daemon.pipeline import build_scanner, rounded_temperature_c
+from ertis_daemon.workers import Workers
 from ertis_detector.detection import NONE, UNKNOWN, radius_m
 from ertis_detector.features import NUM_FEATURES
 from ertis_detector.labelling import match_candidates
@@ -93,11 +94,10 @@ def read_rows(
     """
     rows: list[_Row] = []
     pings = 0
-    with get_context("spawn").Pool(workers) as pool:
-        for heard, learnt in pool.imap(_learn, list(_jobs(paths, chirp))):
-            pings += heard
-            rows.extend(learnt)
-            progress(pings)
+    for heard, learnt in Workers(workers)(_learn, list(_jobs(paths, chirp))):
+        pings += heard
+        rows.extend(learnt)
+        progress(pings)
     return TrainingRows(
         np.array([row[0] for row in rows], np.float32).reshape(-1, NUM_FEATURES),
         [row[1] for row in rows],
@@ -142,7 +142,9 @@ def _learn(job: _Job) -> tuple[int, list[_Row]]:
         if job.row is None and number % _PARTS != job.part:
             continue
         heard += 1
-        truth = ping.truth if job.row is None else labelled_truth(job.row, ping.truth)
+        truth = recorded_truth(job.row, ping.truth)
+        if truth is None and job.row is not None:
+            truth = labelled_truth(job.row)
         if truth is None:
             raise RecordingError(
                 f"{job.path}: ping {ping.frame.ping_index} has no truth: nothing to learn from"
@@ -185,19 +187,16 @@ def _where(label: str, item: Any) -> tuple[float, float, float, float]:
     return (item["range_m"], item["azimuth_rad"], item["elevation_rad"], tilt)
 
 
-def labelled_truth(row: DatasetRow, recorded: dict[str, Any] | None) -> dict[str, Any]:
-    """Truth of a ping of a data set: as the simulator knew it, or as its labeller put it.
+def labelled_truth(row: DatasetRow) -> dict[str, Any]:
+    """Truth of a ping of a data set as its labeller put it.
 
-    A person's label has a range, a bearing and a turn; a dish hangs as high as the sonar. A
-    corrected label holds against what was recorded.
+    A person's label has a range, a bearing and a turn; a dish hangs as high as the sonar.
 
     Raises
     ------
     RecordingError
         If a landmark's row lacks its range or bearing.
     """
-    if recorded is not None and "landmarks" in recorded and _first_label(recorded) == row.label:
-        return recorded
     group = f"{row.environment}/{row.session}"
     if row.label == NONE:
         return {"scene": group, "landmarks": [], "decoys": []}
@@ -216,8 +215,3 @@ def labelled_truth(row: DatasetRow, recorded: dict[str, Any] | None) -> dict[str
     if not math.isnan(row.yaw_rad):
         item["tilt_rad"] = abs(row.yaw_rad)
     return {"scene": group, "landmarks": [item], "decoys": []}
-
-
-def _first_label(truth: dict[str, Any]) -> str:
-    landmarks = truth["landmarks"]
-    return str(landmarks[0]["label"]) if landmarks else NONE

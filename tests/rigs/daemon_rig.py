@@ -8,8 +8,10 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from importlib import resources
 
+import patience
 import pytest
 import zenoh
 
@@ -21,6 +23,7 @@ from ertis_driver.replay_source import ReplaySource
 from ertis_simulator.device import open_sim
 
 DEADLINE_S = 40.0
+wait_for = partial(patience.wait_for, deadline_s=DEADLINE_S)
 EAGER = "tracker: {max_false_events_per_hour: 3600}"  # a landmark is announced by its first ping
 
 
@@ -55,7 +58,9 @@ class Process:
 
     def wait_for(self, text):
         """Wait until the log says it."""
-        wait_for(lambda: self.check() and re.search(text, self.log.read_text()), self.log.read_text)
+        wait_for(
+            lambda: self.check() and re.search(text, self.log.read_text()), told=self.log.read_text
+        )
 
     def check(self):
         assert self.process.poll() is None, self.log.read_text()
@@ -134,13 +139,6 @@ def open_zenoh():
     yield open_client
     for session in sessions:
         session.close()
-
-
-def wait_for(condition, told=lambda: ""):
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, told()
-        time.sleep(0.02)
 
 
 def status_of(session):

@@ -5,9 +5,11 @@ import json
 import threading
 import time
 import urllib.request
+from functools import partial
 
 import jsonschema
 import numpy as np
+import patience
 import pytest
 import zenoh
 from daemon_rig import EAGER
@@ -24,6 +26,7 @@ from ertis_driver.recording import RecordingInfo, RecordingWriter, read_recordin
 
 NUM_WORDS = 65_536  # the fewest that the chirp can be looked for in
 DEADLINE_S = 30.0
+wait_for = partial(patience.wait_for, deadline_s=DEADLINE_S)
 
 
 class Source:
@@ -126,7 +129,7 @@ class Running:
                 for key, value in wanted.items()
             )
 
-        wait_for(fits, lambda: self.status(name))
+        wait_for(fits, told=lambda: str(self.status(name)))
         return self.status(name)
 
     def end(self):
@@ -134,13 +137,6 @@ class Running:
         self.session.close()
         self.thread.join(DEADLINE_S)
         assert not self.thread.is_alive()
-
-
-def wait_for(condition, told=lambda: ""):
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline, told()
-        time.sleep(0.02)
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import time
 
 import pytest
 import zenoh
+from patience import wait_for
 from ros2_rig import DOMAIN, MOUNTED, landmark_event, open_router, report, ros2_publisher
 from zenoh import ext
 
@@ -32,16 +33,6 @@ def reader(port):
     config.insert_json5("connect/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
     with zenoh.open(config) as session:
         yield session
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + DEADLINE_S
-    while time.monotonic() < deadline:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.02)
-    return pytest.fail(f"not within {DEADLINE_S} s")
 
 
 def tokens(reader):

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from patience import wait_for
 from ros2_rig import free_port, landmark_event
 from zenoh import ext
 
@@ -129,16 +130,6 @@ def drain(handler):
     while (one := handler.try_recv()) is not None:
         got.append(one)
     return got
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + DEADLINE_S
-    while time.monotonic() < deadline:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.02)
-    return pytest.fail(f"not within {DEADLINE_S} s")
 
 
 def ask(session, key, seconds=1.0):

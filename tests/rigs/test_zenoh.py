@@ -16,6 +16,7 @@ import jsonschema
 import numpy as np
 import pytest
 import zenoh
+from patience import wait_for
 from zenoh import ext
 
 from ertis_daemon.config import Config, DeviceConfig, OdometryConfig, ZenohConfig
@@ -89,16 +90,6 @@ def reader(publisher, locator):
     session = zenoh.open(config)
     yield session
     session.close()
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + DEADLINE_S
-    while time.monotonic() < deadline:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.01)
-    return pytest.fail(f"not within {DEADLINE_S} s")
 
 
 def drain(subscriber, count):

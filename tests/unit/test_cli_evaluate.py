@@ -24,6 +24,15 @@ NUM_WORDS = 65_536  # 2.5 m of range: short, to be quick
 LABELS = ("r35", "r70", "none")
 OPEN = Room((-np.inf, np.inf), (-np.inf, np.inf), floor_reflection=0.0)
 
+TRUE = {
+    "label": "r35",
+    "range_m": 1.0,
+    "azimuth_rad": 0.0,
+    "elevation_rad": 0.0,
+    "radius_m": 0.035,
+    "visible": True,
+}
+
 
 def noise_ping(path, label, rng, *, source="live", chirp=DEFAULT_CHIRP, truth=None):
     """Loud noise where one label points, faint where another does: something to learn."""
@@ -275,6 +284,27 @@ def test_the_detector_is_judged_on_a_live_data_set_by_its_labels(dataset, capsys
     assert told["false_alarms"]["free_pings"] == 8
     assert {one["low"] for one in told["over"]["range (m)"]} == {1.0}
     assert told["over"]["signal-to-clutter (dB)"] == []  # nobody knows
+
+
+@pytest.mark.parametrize(
+    ("label", "truth", "asked"),
+    [
+        ("r35", {"label": {"label": "r35", "range_m": 1.0}}, 1),  # as a person recorded it
+        ("none", {"label": {"label": "none"}}, 0),
+        ("none", {"landmarks": [TRUE]}, 0),  # somebody corrected the table
+        ("r35", {"landmarks": []}, 1),
+        ("r35", {"landmarks": [TRUE, {**TRUE, "label": "r70"}]}, 2),  # it knows more than the table
+    ],
+)
+def test_the_table_is_believed_unless_the_recording_knows_more(
+    tmp_path, capsys, label, truth, asked
+):
+    noise_ping(tmp_path / "a.mcap", label, np.random.default_rng(1), truth=truth)
+    row = DatasetRow("a.mcap", label, 1.0, 0.0, environment="a", session="s")
+    write_table(tmp_path, [row])
+    assert main(["evaluate", str(tmp_path), "--workers", "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["conditions"]["can be heard"]["located"]["trials"] == asked
 
 
 def test_a_model_that_was_trained_on_what_it_is_judged_by_is_named_so(recording, capsys):

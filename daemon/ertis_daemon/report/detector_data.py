@@ -10,8 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ertis_daemon.pipeline import build_scanner
-from ertis_daemon.report.workers import Workers
+from ertis_daemon.labelled import recorded_truth
+from ertis_daemon.pipeline import NOMINAL_TEMPERATURE_C, build_scanner
+from ertis_daemon.workers import Workers
 from ertis_detector.detector import LandmarkDetector
 from ertis_detector.evaluate import DEFAULT_RATE_HZ, Evaluation, evaluate
 from ertis_detector.matching import JudgedPing, TrueLandmark
@@ -26,7 +27,6 @@ from ertis_driver.recording import RecordedPing, RecordingInfo, open_recording
 if TYPE_CHECKING:
     from ertis_driver.chirp import Emission
 
-NOMINAL_TEMPERATURE_C = 20.0
 FLOOR = 0.05  # the curve over thresholds begins here; less probable reports are not looked at
 
 
@@ -225,15 +225,16 @@ def _group(source: Source, ping: RecordedPing) -> str:
 
 def _truth(source: Source, ping: RecordedPing) -> tuple[TrueLandmark, ...]:
     """What the recording says; a live one's row says where its label points."""
-    if ping.truth is not None:
-        try:
-            return tuple(_landmark(one) for one in ping.truth["landmarks"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise RecordingError(
-                f"{source.path}: ping {ping.frame.ping_index}: its truth lacks or garbles "
-                f"a landmark's field: {error}"
-            ) from error
     row = source.row
+    try:
+        truth = recorded_truth(row, ping.truth)
+        if truth is not None:
+            return tuple(_landmark(one) for one in truth["landmarks"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordingError(
+            f"{source.path}: ping {ping.frame.ping_index}: its truth lacks or garbles "
+            f"a landmark's field: {error}"
+        ) from error
     if row is None:
         raise RecordingError(
             f"{source.path}: ping {ping.frame.ping_index} has no truth: nothing to judge by"

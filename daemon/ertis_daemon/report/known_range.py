@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ertis_daemon.report.known_range_data import Prepared, Preparer, labels_of, usable_rows
-from ertis_daemon.report.workers import Workers
+from ertis_daemon.workers import Workers
 from ertis_detector.method import Method
 from ertis_detector.paper import PaperMethod
 from ertis_detector.paper_choices import PaperChoices, alternatives

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ertis_daemon.pipeline import NOMINAL_TEMPERATURE_C
 from ertis_detector.method import KnownRangePing, Method
 from ertis_detector.protocol import Labels
 from ertis_driver.audio import PdmDecoder, whole_samples
@@ -17,8 +18,6 @@ from ertis_driver.dataset import Dataset, DatasetRow
 from ertis_driver.errors import DatasetError
 from ertis_driver.frame import AUDIO_RATE_HZ, PDM_RATE_HZ
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
-
-NOMINAL_TEMPERATURE_C = 20.0
 
 
 @dataclass(frozen=True, slots=True)
