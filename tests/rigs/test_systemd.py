@@ -17,8 +17,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.index]
 PYTHON = "/usr/bin/python3"
 INSTALL_S = 400
 GUEST_S = 1300
-# An emulated machine is thirty times slower than a robot's.
-PATIENCE = "[Service]\nTimeoutStartSec=400s\nWatchdogSec=60s\nTimeoutStopSec=60s\n"
+# An emulated machine is thirty times slower than a robot's, and so is looking at it: why a unit ended
+# can be asked only until it is started again.
+PATIENCE = """[Service]
+TimeoutStartSec=400s
+WatchdogSec=60s
+TimeoutStopSec=60s
+RestartSec=10s
+"""
 
 
 def why_not():
@@ -132,7 +138,7 @@ def test_it_runs_as_nobody_in_particular_with_nothing_but_its_port(life):
 
 def test_a_daemon_that_hangs_is_ended_by_the_watchdog_and_started_again(life):
     assert life["hung"]["restarts"] == 1
-    assert "atchdog" in life["journal"] or life["hung"]["result"] == "watchdog"
+    assert life["hung"]["results"] == ["watchdog"]
     assert life["after_hang"]["state"] == "active"
 
 

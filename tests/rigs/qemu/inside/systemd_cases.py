@@ -67,14 +67,19 @@ def _until(state: str) -> dict:
 
 
 def _until_restarted(times: int) -> dict:
+    """Wait until systemd has started the unit again; why, is told only until it has."""
     started_s = time.monotonic()
-    result = ""
-    while (met := int(_show("NRestarts")["NRestarts"])) < times:
-        result = _show("Result")["Result"] or result
+    results = set()
+    while int((met := _show("NRestarts", "Result"))["NRestarts"]) < times:
+        results.add(met["Result"])
         if time.monotonic() - started_s > START_S:
             break
         time.sleep(0.1)
-    return {"restarts": met, "result": result, "seconds": _since(started_s)}
+    return {
+        "restarts": int(met["NRestarts"]),
+        "results": sorted(results - {"success"}),
+        "seconds": _since(started_s),
+    }
 
 
 def _working() -> str:
