@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ertis_driver.audio_filter import LEAD, RESPONSE_REACH, TAPS, UNITY, bit_response
+from ertis_driver.audio_filter import LEAD, TAPS, UNITY, heard_of_bit
 from ertis_driver.frame import DECIMATION, NUM_MICS
 from ertis_driver.halfword import find_corrupt_bits
 
@@ -135,12 +135,9 @@ class PdmDecoder:
         audio: npt.NDArray[np.float32], word: np.uint32, position: int, bits: list[int]
     ) -> None:
         """Turn the wrong bits of one word over, exactly, in the audio they went into."""
-        centre = position // DECIMATION
-        near = slice(max(centre - RESPONSE_REACH, 0), centre + RESPONSE_REACH)
-        response = bit_response(position, np.arange(audio.shape[1])[near]).astype(np.float32)
-        for mic in bits:
-            sign = 1.0 if (int(word) >> mic) & 1 else -1.0
-            audio[mic, near] -= np.float32(2 * sign) * response
+        near, response = heard_of_bit(position, audio.shape[1])
+        signs = np.where((word >> np.array(bits, np.uint32)) & 1, np.float32(2), np.float32(-2))
+        audio[bits, near] -= signs[:, None] * response
 
 
 def whole_samples(words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:

@@ -35,9 +35,10 @@ def unit_vectors(azimuth_rad: Float, elevation_rad: Float) -> Float:
     return vectors
 
 
-def phasor(cycles: Float) -> Complex:
+def phasor(cycles: npt.NDArray[np.floating]) -> Complex:
     """``e^{2 pi i cycles}`` as complex64, of any shape; much faster than a complex exponential."""
-    angle = (2 * np.pi * (cycles - np.rint(cycles))).astype(np.float32)
+    angle = (cycles - np.rint(cycles)).astype(np.float32)
+    angle *= np.float32(2 * np.pi)
     turned = np.empty(angle.shape, np.complex64)
     np.cos(angle, out=turned.real)
     np.sin(angle, out=turned.imag)
@@ -119,7 +120,6 @@ class MatchedFilter:
         self._fade[-_EDGE_SAMPLES:] = np.sin(np.pi / 2 * ramp) ** 2
         # Kept from ping to ping: fresh memory costs more than the arithmetic on it.
         self._faded = np.zeros((_BATCH_MICS, self._length), np.float32)
-        self._kept = np.zeros((_BATCH_MICS, self.baseband.num_samples), np.complex64)
         self._compressed = np.zeros((0, self.baseband.num_samples), np.complex64)
 
     def __call__(self, audio: npt.NDArray[np.float32]) -> Complex:
@@ -134,11 +134,11 @@ class MatchedFilter:
             self._compressed = np.zeros((len(audio), self.baseband.num_samples), np.complex64)
         for first in range(0, len(audio), _BATCH_MICS):
             batch = slice(first, first + _BATCH_MICS)
-            self._compressed[batch] = self._compress(audio[batch])
+            self._compress(audio[batch], self._compressed[batch])
         return self._compressed
 
-    def _compress(self, audio: npt.NDArray[np.float32]) -> Complex:
-        faded, kept = self._faded[: len(audio)], self._kept[: len(audio)]
+    def _compress(self, audio: npt.NDArray[np.float32], kept: Complex) -> None:
+        faded = self._faded[: len(audio)]
         np.multiply(audio[:, : self.blank], self._fade, out=faded[:, : self.blank])
         faded[:, : self._tail] = audio[:, self._length :]
         whole = self.num_samples - self._tail
@@ -146,8 +146,9 @@ class MatchedFilter:
         spectrum = scipy.fft.rfft(faded, axis=1)
         above, below = self._weight_above, self._weight_below
         np.multiply(spectrum[:, self._above], above, out=kept[:, : above.size])
+        kept[:, above.size : -below.size] = 0
         np.multiply(spectrum[:, self._below], below, out=kept[:, -below.size :])
-        return np.asarray(scipy.fft.ifft(kept, axis=1))
+        kept[...] = scipy.fft.ifft(kept, axis=1, overwrite_x=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,8 +172,11 @@ class Energyscape:
 
 def noise_floor(power: npt.NDArray[np.float32]) -> float:
     """A low quantile of the far ranges, the quietest of a room."""
-    tail = power[::3, power.shape[1] * 6 // 10 :]
-    return float(np.quantile(tail, 0.2)) / 0.223 + 1e-20  # exponential law: 20 % lie under this
+    tail = power[::3, power.shape[1] * 6 // 10 :].ravel()
+    fifth = tail.size // 5
+    return (
+        float(np.partition(tail, fifth)[fifth]) / 0.223 + 1e-20
+    )  # exponential law: 20 % lie under
 
 
 class Imager:

@@ -101,13 +101,14 @@ class _Steerer:
         pieces, residue = focus.windows(baseband, self._delays, _WINDOW)
         spectrum = scipy.fft.fft(pieces * hann(_WINDOW), axis=2)
         offsets_hz = RATE_HZ / _WINDOW * _SUBBANDS
-        self._spectrum = spectrum[:, :, _SUBBANDS] * phasor(residue[:, :, None] * offsets_hz)
-        self._subbands_hz = focus.info.carrier_hz + offsets_hz
+        heard = spectrum[:, :, _SUBBANDS] * phasor(residue[:, :, None] * offsets_hz)
+        self._heard = heard.transpose(0, 2, 1)[:, :, :, None].copy()  # subband by subband
+        self._subbands_hz = (focus.info.carrier_hz + offsets_hz).astype(np.float32)[:, None, None]
 
     def keep(self, which: npt.NDArray[np.bool_]) -> None:
         """Go on with these proposals only; bool, shape (num_proposals,)."""
         self._range, self._delays = self._range[which], self._delays[which]
-        self._spectrum = self._spectrum[which]
+        self._heard = self._heard[which]
 
     def energy(self, azimuth: Float, elevation: Float) -> Float:
         """Shape (num_proposals, num_directions), from angles of that shape."""
@@ -115,10 +116,9 @@ class _Steerer:
         count, directions, _ = toward.shape
         later = self._focus.delays_s(toward.reshape(-1, 3)).reshape(count, directions, -1)
         later -= self._delays[:, None, :]
-        turned = phasor(later[:, :, :, None] * self._subbands_hz)
-        turned *= self._spectrum[:, None]
-        beams = turned.sum(axis=2)
-        return np.asarray(np.sum(beams.real**2 + beams.imag**2, axis=2), np.float64)
+        turned = phasor(later.astype(np.float32)[:, None] * self._subbands_hz)
+        beams = turned @ self._heard
+        return np.asarray(np.sum(beams.real**2 + beams.imag**2, axis=(1, 3)), np.float64)
 
 
 def _tops(three: npt.NDArray[np.floating]) -> Float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ertis_detector.imaging import Energyscape, unit_vectors
+from ertis_detector.imaging import Energyscape, Float, unit_vectors
 
 # What a peak hides, as (range cells on either side, part of its power): its main lobe and the
 # dish's own ring pattern; the array's sidelobes at its range; the chirp's range sidelobes.
@@ -29,7 +29,7 @@ def propose(
     scape: Energyscape,
     *,
     max_count: int,
-    min_snr_db: float,
+    min_snr_db: float | Float,
     range_exponent: float = 2.0,
     within_m: tuple[float, float] | None = None,
 ) -> list[Proposal]:
@@ -39,7 +39,7 @@ def propose(
     ----------
     scape : Energyscape
     max_count : int
-    min_snr_db : float
+    min_snr_db : float, or shape (num_ranges,)
         Over the noise floor.
     range_exponent : float
         Ranked by power times this power of range: 2 keeps near clutter from crowding out a far
@@ -50,10 +50,11 @@ def propose(
     azimuth_rad, power = scape.azimuth_rad, scape.power
     floor = scape.noise_floor
     weight = (scape.range_m**range_exponent).astype(np.float32)
-    ranked = power * weight
-    ranked[power < floor * 10 ** (min_snr_db / 10)] = 0
     if within_m is not None:
-        ranked[:, (scape.range_m < within_m[0]) | (scape.range_m > within_m[1])] = 0
+        weight[(scape.range_m < within_m[0]) | (scape.range_m > within_m[1])] = 0
+    least = np.full(power.shape[1], floor * 10 ** (np.asarray(min_snr_db) / 10), np.float32)
+    ranked = power * weight
+    ranked *= power >= least
     toward = unit_vectors(azimuth_rad, scape.elevation_rad)
     found: list[Proposal] = []
     while len(found) < max_count:
@@ -85,4 +86,4 @@ def _hide(
     ranked[main_lobe, near] = 0
     for cells, part in (_ARRAY_SIDELOBES, _CHIRP_SIDELOBES):
         around = slice(max(cell - cells, 0), cell + cells + 1)
-        ranked[:, around][power[:, around] < peak * part] = 0
+        ranked[:, around] *= power[:, around] >= peak * part

@@ -12,13 +12,24 @@ from ertis_detector.air import Air
 from ertis_detector.errors import DetectorError
 from ertis_detector.features import EchoFeatures, Places, array_coherence
 from ertis_detector.fragment import FRAGMENT_SAMPLES
-from ertis_detector.imaging import Complex, Energyscape, Float, Focus, Imager, MatchedFilter, plane
+from ertis_detector.imaging import (
+    Complex,
+    Energyscape,
+    Float,
+    Focus,
+    Imager,
+    MatchedFilter,
+    plane,
+    unit_vectors,
+)
 from ertis_detector.locate import Location, locate
 from ertis_detector.proposals import Proposal, propose
 
 MAX_PROPOSALS = 8  # a frame with eight must still fit into one ping period
 MIN_SNR_DB = 12.0  # the noise's own highest peaks are 10 over its mean
 NEAREST_M = 0.58  # nearer, only the emitter's ringing is heard
+# From there on it fades into the noise: at first a candidate must stand out of it by so much more.
+_RINGING_DB, _RINGING_UNTIL_M = 12.0, 0.76
 # Further up or down the emitter's beam leaves nothing, but floor and ceiling.
 MAX_ELEVATION_RAD = np.deg2rad(30.0)
 OWN_ECHO_DB, OWN_ECHO_RANGE_M = 9.0, 0.25
@@ -76,6 +87,8 @@ class Scanner:
         self._filter = MatchedFilter(chirp_samples, num_samples, band)
         info = self._filter.baseband
         self._imager = Imager(mic_positions_m, info, air.speed_of_sound_m_s, *plane())
+        nearness = (_RINGING_UNTIL_M - self._imager.range_m) / (_RINGING_UNTIL_M - NEAREST_M)
+        self._ringing_db = _RINGING_DB * np.clip(nearness, 0, 1)
         self.focus = Focus(mic_positions_m, emitter_position_m, info, air.speed_of_sound_m_s)
         self._features = EchoFeatures(self._filter, chirp_samples, air)
 
@@ -113,29 +126,26 @@ class Scanner:
         proposals = propose(
             scape,
             max_count=MAX_PROPOSALS,
-            min_snr_db=MIN_SNR_DB,
+            min_snr_db=MIN_SNR_DB + self._ringing_db,
             within_m=within_m or (NEAREST_M, np.inf),
         )
-        return [
-            Candidate(at, float(10 * np.log10(max(at.power, floor) / floor)))
-            for at in locate(
-                self.focus, baseband, _without_own_echoes(proposals), MAX_ELEVATION_RAD
-            )
-        ]
+        located = locate(self.focus, baseband, _without_own_echoes(proposals), MAX_ELEVATION_RAD)
+        return [Candidate(at, float(10 * np.log10(max(at.power, floor) / floor))) for at in located]
 
     def features(
         self, baseband: Complex, candidates: Sequence[Candidate]
     ) -> npt.NDArray[np.float32]:
         """What the classifier sees of candidates, at least one; shape (n, NUM_FEATURES)."""
         locations = [candidate.location for candidate in candidates]
-        points = np.stack([at.point_m for at in locations])
-        fragments = self.focus.beam(baseband, points, FRAGMENT_SAMPLES // 2, FRAGMENT_SAMPLES)
         places = Places(
             np.array([at.range_m for at in locations]),
             np.array([at.azimuth_rad for at in locations]),
             np.array([at.elevation_rad for at in locations]),
             np.array([candidate.snr_db for candidate in candidates]),
         )
+        toward = unit_vectors(places.azimuth_rad, places.elevation_rad)
+        points = places.range_m[:, None] * toward
+        fragments = self.focus.beam(baseband, points, FRAGMENT_SAMPLES // 2, FRAGMENT_SAMPLES)
         coherence = array_coherence(self.focus, baseband, points)
         return self._features(fragments, coherence, places)
 

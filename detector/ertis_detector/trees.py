@@ -48,11 +48,11 @@ class Trees:
 
     def scores(self, features: Float32) -> Float32:
         """Sums of leaves, shape (n, num_classes)."""
-        is_more = features[:, self.feature] > self.threshold
-        left = np.where(is_more, self.mask, np.uint32(0xFFFFFFFF))
-        left = np.bitwise_and.reduceat(left, self.first, axis=1)
-        lowest = left & (~left + np.uint32(1))
-        leaf = np.frexp(lowest)[1] - 1
+        # "clip" only tells take that it need not check: indices are of features by construction.
+        is_more = features.take(self.feature, 1, mode="clip") > self.threshold
+        ruled_out = np.bitwise_or.reduceat(is_more * ~self.mask, self.first, axis=1)
+        lowest = ~ruled_out & (ruled_out + np.uint32(1))
+        leaf = np.frexp(lowest.astype(np.float32))[1] - 1  # a power of two: exact
         values = self.leaves[np.arange(self.first.size), leaf]
         sums = values.reshape(len(features), -1, self.baseline.size).sum(axis=1, dtype=np.float32)
         return np.asarray(sums + self.baseline)

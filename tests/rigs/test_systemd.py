@@ -17,8 +17,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.index]
 PYTHON = "/usr/bin/python3"
 INSTALL_S = 400
 GUEST_S = 1300
-# An emulated machine is thirty times slower than a robot's, and so is looking at it: why a unit ended
-# can be asked only until it is started again.
+# An emulated machine is thirty times slower than a robot's, and so is looking at it: why a unit
+# ended can be asked only until it is started again.
 PATIENCE = """[Service]
 TimeoutStartSec=400s
 WatchdogSec=60s

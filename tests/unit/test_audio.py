@@ -5,7 +5,7 @@ import pytest
 import threadpoolctl
 
 from ertis_driver.audio import PdmDecoder
-from ertis_driver.audio_filter import TAPS, UNITY, bit_response
+from ertis_driver.audio_filter import TAPS, UNITY, bit_response, heard_of_bit
 from ertis_driver.frame import DEFAULT_NUM_WORDS
 from ertis_simulator.microphone import add_noise, to_pdm
 
@@ -93,6 +93,14 @@ def test_one_turned_bit_changes_the_audio_by_its_response(position):
     change = decimated_in_int64(other)[0] - decimated_in_int64(words)[0]
     expected = 2.0 * bit_response(position, np.arange(1000)) * UNITY
     np.testing.assert_array_equal(change, expected)
+
+
+@pytest.mark.parametrize("position", [0, 1, 79, 80, 444, 9_919, 9_999])
+def test_where_a_bit_is_heard_is_all_of_its_response(position):
+    near, response = heard_of_bit(position, 1000)
+    whole = np.zeros(1000)
+    whole[near] = response
+    np.testing.assert_allclose(whole, bit_response(position, np.arange(1000)), rtol=1e-6)
 
 
 @pytest.mark.parametrize(

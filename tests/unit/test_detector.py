@@ -100,6 +100,19 @@ def test_an_empty_room_reports_none(detector):
     assert detector.detect(audio_of(scene())) == []
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_emitters_own_ringing_is_no_candidate(seed):
+    ears = scanner()
+    assert ears.candidates(*ears.image(audio_of(scene(seed=seed)))) == []
+
+
+@pytest.mark.parametrize(("radius_mm", "range_m"), [(35, 0.62), (70, 0.65)])
+def test_a_dish_is_a_candidate_while_the_emitter_still_rings(radius_mm, range_m):
+    ears = scanner()
+    found = ears.candidates(*ears.image(audio_of(scene(landmark(radius_mm, range_m, 5.0, 20.0)))))
+    assert any(abs(one.location.range_m - range_m) < 0.05 for one in found)
+
+
 def test_who_only_listens_reports_none(detector):
     assert detector.detect(audio_of(scene(landmark(48, 1.8)), chirp=None)) == []
 

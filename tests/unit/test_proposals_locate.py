@@ -127,6 +127,14 @@ def test_a_far_peak_comes_before_a_near_one_of_the_same_strength():
     assert [round((p.range_m - 0.5) / 0.006) for p in near_first] == [550, 50]
 
 
+def test_what_must_stand_out_further_at_some_ranges_is_not_proposed_there_if_it_does_not():
+    power = quiet()
+    power[20, 50] = power[70, 550] = 1000.0
+    least_db = np.where(np.arange(600) < 100, 40.0, 20.0)
+    (far,) = propose(scape_of(power), max_count=5, min_snr_db=least_db)
+    assert round((far.range_m - 0.5) / 0.006) == 550
+
+
 def test_no_more_are_proposed_than_asked_for():
     power = quiet()
     power[10::20, 50::100] = 1000.0
