@@ -20,7 +20,8 @@ from ertis_simulator.errors import SceneError
 from ertis_simulator.scene import Scene
 from ertis_simulator.scene_file import load_scene
 
-_LOOK_AHEAD = 2  # pings computed while the one before is used: a core each
+_WORKERS = 2  # a core each
+_LOOK_AHEAD = 4  # pings ready or computed while one is used: a busy core delays none of them
 
 
 class SimulatedSonar(Closing):
@@ -90,7 +91,7 @@ class SimulatedSonar(Closing):
     def _hear(self, settings: Settings, active: bool) -> npt.NDArray[np.uint32]:
         chirp = settings.chirp.samples(AUDIO_RATE_HZ) if active else None
         if self._pool is None:
-            self._pool = ThreadPoolExecutor(_LOOK_AHEAD, "scene")
+            self._pool = ThreadPoolExecutor(_WORKERS, "scene")
         for index in range(self._index, self._index + 1 + _LOOK_AHEAD):
             if (index, active) not in self._coming:
                 self._coming[index, active] = self._pool.submit(

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 HALF_BAND = 0.35  # of the train's rate, to either side of its carrier, is exact
-NUM_POLYNOMIALS = 12
+NUM_POLYNOMIALS = 12  # place_echoes has each of them written out
 TAPS = 20
 _FRACTIONS = 512
 _QUADRATURE = 96
@@ -69,23 +69,27 @@ def place_echoes(
             first = whole - TAPS // 2 + 1
             if gain[echo, mic] == 0 or whole < 0 or first + TAPS > train.shape[1]:
                 continue
-            rows = table[int((delay[echo, mic] - whole) * _FRACTIONS + 0.5)]
-            for tap in range(TAPS):
-                real[tap], imag[tap] = 0, 0
-            for even in range(0, NUM_POLYNOMIALS, 2):
-                of_even, of_odd = coefficients[echo, even], coefficients[echo, even + 1]
-                for tap in range(TAPS):
-                    real[tap] += of_even * rows[even, tap]
-                    imag[tap] += of_odd * rows[even + 1, tap]
+            row = table[int((delay[echo, mic] - whole) * _FRACTIONS + 0.5)]
+            # Written out, so that a tap's sum stays in a register; always from left to right.
+            c = coefficients[echo]
+            c0, c2, c4, c6, c8, c10 = c[0], c[2], c[4], c[6], c[8], c[10]
+            for n in range(TAPS):
+                low = c0 * row[0, n] + c2 * row[2, n] + c4 * row[4, n]
+                real[n] = low + c6 * row[6, n] + c8 * row[8, n] + c10 * row[10, n]
+            c1, c3, c5, c7, c9, c11 = c[1], c[3], c[5], c[7], c[9], c[11]
+            for n in range(TAPS):
+                low = c1 * row[1, n] + c3 * row[3, n] + c5 * row[5, n]
+                imag[n] = low + c7 * row[7, n] + c9 * row[9, n] + c11 * row[11, n]
             phase = -2 * np.pi * carrier * delay[echo, mic]
             cosine = np.float32(gain[echo, mic] * np.cos(phase))
             sine = np.float32(gain[echo, mic] * np.sin(phase))
-            for tap in range(min(-first, TAPS)):
-                out = parts[mic, 2 * (first + tap + train.shape[1]) :]
-                out[0] += cosine * real[tap] - sine * imag[tap]
-                out[1] += cosine * imag[tap] + sine * real[tap]
-            begin = max(-first, 0)
-            out = parts[mic, 2 * (first + begin) : 2 * (first + TAPS)]
-            for tap in range(begin, TAPS):
-                out[2 * (tap - begin)] += cosine * real[tap] - sine * imag[tap]
-                out[2 * (tap - begin) + 1] += cosine * imag[tap] + sine * real[tap]
+            if first >= 0:
+                out = parts[mic, 2 * first : 2 * (first + TAPS)]
+                for n in range(TAPS):
+                    out[2 * n] += cosine * real[n] - sine * imag[n]
+                    out[2 * n + 1] += cosine * imag[n] + sine * real[n]
+                continue
+            for n in range(TAPS):
+                at = (first + n) % train.shape[1]
+                parts[mic, 2 * at] += cosine * real[n] - sine * imag[n]
+                parts[mic, 2 * at + 1] += cosine * imag[n] + sine * real[n]

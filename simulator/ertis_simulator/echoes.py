@@ -86,7 +86,7 @@ class Echoes:
         path, gain = np.atleast_2d(path_m), np.atleast_2d(gain)
 
         def each(value: float | FloatArray) -> FloatArray:
-            return np.broadcast_to(np.asarray(value, float), (len(path),))
+            return np.full(len(path), value, np.float64)
 
         return cls(path, gain, each(exponent), each(sin_emission), each(roughness_m))
 

@@ -38,10 +38,14 @@ def tabled_strengths(
         basis[power] = 2 * scaled * basis[power - 1] - basis[power - 2]
     for tilt in range(tilts):
         for term in range(terms):
+            real, imag = found[0, tilt, term], found[1, tilt, term]
             for power in range(num_powers):
                 factor, each = coefficients[tilt, term, power], basis[power]
-                found[0, tilt, term] += factor.real * each
-                found[1, tilt, term] += factor.imag * each
+                a, b = factor.real, factor.imag
+                for n in range(each.size):
+                    real[n] += a * each[n]
+                for n in range(each.size):
+                    imag[n] += b * each[n]
     return found
 
 

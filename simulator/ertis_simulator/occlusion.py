@@ -17,6 +17,9 @@ FloatArray = npt.NDArray[np.float64]
 
 CYLINDER_SIDES = 12
 _RINGS = ((0.0, 1), (0.5, 6), (0.9, 12))  # of aperture radii, and points on each
+_AROUND_RAD = np.concatenate([2 * np.pi * np.arange(count) / count for _, count in _RINGS])
+_FROM_CENTRE = np.concatenate([np.full((count, 1), part) for part, count in _RINGS])
+_ACROSS, _UP = np.cos(_AROUND_RAD), np.sin(_AROUND_RAD)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,16 +114,18 @@ def clear_part(
     radius_m : of the aperture
     """
     helper = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    across = np.cross(axis, helper)
+    across = _cross(axis, helper)
     across /= np.linalg.norm(across)
-    up = np.cross(axis, across)
-    points = []
-    for part, count in _RINGS:
-        angle = 2 * np.pi * np.arange(count) / count
-        ring = np.outer(np.cos(angle), across) + np.outer(np.sin(angle), up)
-        points.append(rim_centre_m + part * radius_m * ring)
-    ends = np.concatenate(points)
+    up = _cross(axis, across)
+    ring = np.outer(_ACROSS, across) + np.outer(_UP, up)
+    ends = rim_centre_m + _FROM_CENTRE * radius_m * ring
     seen = np.ones(len(ends))
     for blocker in blockers:
-        seen = seen * np.where(blocker.hits(sonar_m, ends), 1 - blocker.opacity, 1.0)
+        seen[blocker.hits(sonar_m, ends)] *= 1 - blocker.opacity
     return float(seen.mean())
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """As ``np.cross``, which takes longer than all the rest here for two vectors."""
+    (a0, a1, a2), (b0, b1, b2) = a, b
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

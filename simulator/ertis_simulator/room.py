@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from ertis_simulator.points import REFERENCE_K
 
 FloatArray = npt.NDArray[np.float64]
 _Map = Callable[[FloatArray], FloatArray]
+_Walls = list[tuple[FloatArray, FloatArray]]  # point and inward normal of each
 
 HEIGHT_M = 3.0  # assumed: the ceiling is only in the diffuse field
 # Of the energy of a piston of 13 mm at 50 kHz, D**2 over all directions: 1 / (k a)**2.
@@ -20,6 +22,15 @@ _BEAM_SHARE = 1 / (REFERENCE_K * 0.013) ** 2
 _DIFFUSE_ARRIVALS = 160
 _DIFFUSE_START_M, _DIFFUSE_STOP_M = 2.0, 13.0  # path lengths: 36 ms of listening
 _SCATTER_M = 0.02  # some wavelengths: the field differs from microphone to microphone
+
+
+class _Image(NamedTuple):
+    """Of the emitter, sensor frame: columns of what :class:`Echoes` asks for."""
+
+    source_m: FloatArray
+    kept: float
+    sin_emission: float
+    roughness_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +55,7 @@ class Room:
     floor_roughness_m: float = 0.5e-3
     diffuse: float = 0.3
 
-    def planes(self) -> list[tuple[FloatArray, FloatArray]]:
+    def planes(self) -> _Walls:
         """Point and inward normal of each wall, world frame."""
         x0, x1 = self.x_m
         y0, y1 = self.y_m
@@ -59,7 +70,7 @@ class Room:
     def echoes(
         self, to_sensor: _Map, turn: _Map, emitter: FloatArray, mics: FloatArray
     ) -> list[Echoes]:
-        """Specular echoes of walls and corners, each also by way of the floor.
+        """Specular echoes of walls and corners, each also by way of the floor; [] for none.
 
         Parameters
         ----------
@@ -67,24 +78,27 @@ class Room:
             World points, and directions, to the sensor frame.
         emitter, mics : shape (3,) and (num_mics, 3)
         """
-        floor = to_sensor(np.zeros(3))[2]
+        floor_z = to_sensor(np.zeros(3))[2]
         sides = [(to_sensor(point), turn(normal)) for point, normal in self.planes()]
-        parts = []
+        middle = mics.mean(axis=0)
+        images: list[_Image] = []
         for first in sides:
             paths = [[first]]
             paths.extend([first, second] for second in sides if abs(first[1] @ second[1]) < 0.5)
             for path in paths:
-                parts.extend(self._image(path, emitter, mics, floor))
-        return parts
+                images.extend(self._images(path, emitter, middle, floor_z))
+        if not images:
+            return []
+        source, kept, sine, roughness = (np.array(column) for column in zip(*images, strict=True))
+        distance = np.linalg.norm(mics - source[:, None], axis=2)
+        gain = kept[:, None] / distance
+        exponent = np.zeros(len(images))
+        return [Echoes(distance, gain, exponent, sine, roughness)]
 
-    def _image(
-        self,
-        path: list[tuple[FloatArray, FloatArray]],
-        emitter: FloatArray,
-        mics: FloatArray,
-        floor_z: float,
-    ) -> list[Echoes]:
-        """The last-bounce image of the emitter, seen by the microphones; and under the floor."""
+    def _images(
+        self, path: _Walls, emitter: FloatArray, middle: FloatArray, floor_z: float
+    ) -> Iterator[_Image]:
+        """The last-bounce image of the emitter, heard by the array's middle; and its mirror."""
         image = emitter
         for point, normal in path:
             image = image - 2 * ((image - point) @ normal) * normal
@@ -92,23 +106,18 @@ class Room:
         if self.floor_reflection > 0:
             under = image * np.array([1.0, 1.0, -1.0]) + np.array([0.0, 0.0, 2 * floor_z])
             images.append((under, self.floor_reflection, self.floor_roughness_m))
-        heard = []
         for source, kept, roughness in images:
             # Reflected back at each wall in turn, the direction of arrival is that of emission.
-            leaving = mics.mean(axis=0) - source
+            leaving = middle - source
             for _, normal in reversed(path):
                 leaving = leaving - 2 * (leaving @ normal) * normal
             sine = np.hypot(leaving[1], leaving[2]) / np.linalg.norm(leaving)
-            distance = np.linalg.norm(mics - source, axis=1)
-            heard.append(
-                Echoes.of(
-                    distance,
-                    kept * self.wall_reflection ** len(path) / distance,
-                    sin_emission=float(sine) if leaving[0] > 0 else 1.0,
-                    roughness_m=self.wall_roughness_m * len(path) + roughness,
-                )
+            yield _Image(
+                source,
+                kept * self.wall_reflection ** len(path),
+                float(sine) if leaving[0] > 0 else 1.0,
+                self.wall_roughness_m * len(path) + roughness,
             )
-        return heard
 
     def reverberation(self, num_mics: int, rng: np.random.Generator) -> Echoes | None:
         """Sound that has met many things, from everywhere; none in a room without end.

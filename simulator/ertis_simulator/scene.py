@@ -16,7 +16,6 @@ from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.band import Band
 from ertis_simulator.clutter import Clutter
 from ertis_simulator.echoes import Echoes
-from ertis_simulator.landmark import dish_echoes
 from ertis_simulator.microphone import (
     MicrophoneSet,
     add_noise_spectrum,
@@ -26,12 +25,12 @@ from ertis_simulator.microphone import (
 )
 from ertis_simulator.noise_sources import NoiseSource, add_sources
 from ertis_simulator.objects import DishObject, Thing, stand_for
-from ertis_simulator.occlusion import Blocker, clear_part
 from ertis_simulator.path import Path, Pose
 from ertis_simulator.propagation import add_echoes, add_trains, render
 from ertis_simulator.room import Room
 from ertis_simulator.transducer import SensorResponse, direct_path, shipped_response
 from ertis_simulator.truth import fragment_span, own_to_rest_db, seen_dish, seen_thing
+from ertis_simulator.ways import Shadows, dish_ways
 
 __all__ = ["DishObject", "Pose", "Scene"]
 
@@ -92,9 +91,12 @@ class Scene:
     def truth(self, ping_index: int) -> dict[str, Any]:
         """Tell what is there, seen from the sonar at one ping; ranges to the dishes' vertices."""
         pose, time_s = self.pose(ping_index), ping_index * self.ping_period_s
+        shadows = Shadows.at(self.things, self.dishes, time_s)
+        sonar = np.asarray(pose.position_m)
         told: dict[str, list[dict[str, Any]]] = {"landmarks": [], "decoys": [], "objects": []}
         for item in self.dishes:
-            line = seen_dish(item, item.vertex_at(time_s), pose, self.clear_part(item, ping_index))
+            clear = shadows.clear_part(item, sonar)
+            line = seen_dish(item, item.vertex_at(time_s), pose, clear)
             told["landmarks" if item.is_landmark else "decoys"].append(line)
         told["objects"] = [
             seen_thing(thing.kind, np.asarray(thing.place_m) + thing.offset_m(time_s), pose)
@@ -107,23 +109,6 @@ class Scene:
             "temperature_c": self.air.temperature_c,
             **told,
         }
-
-    def clear_part(self, item: DishObject, ping_index: int) -> float:
-        """Part of a dish that the sonar sees past other objects at one ping, 0 to 1."""
-        time_s = ping_index * self.ping_period_s
-        blockers: list[Blocker] = []
-        for thing in self.things:
-            offset = thing.offset_m(time_s)
-            blockers.extend(blocker.shifted(offset) for blocker in thing.blockers)
-        for other in self.dishes:
-            if other is not item:
-                x, y, z = other.vertex_at(time_s)
-                radius = other.dish.aperture_radius_m
-                # Seen from above, a dish is a disc as wide as its aperture, whichever way it looks.
-                blockers.append(Blocker.cylinder(x, y, radius, z - radius, z + radius))
-        sonar = np.asarray(self.pose(ping_index).position_m)
-        rim = item.vertex_at(time_s) + item.dish.depth_m * item.axis
-        return clear_part(sonar, rim, item.axis, item.dish.aperture_radius_m, blockers)
 
     def hear(
         self, ping_index: int, num_words: int, chirp: npt.NDArray[np.float64] | None
@@ -213,14 +198,26 @@ class Scene:
         )
         parts.extend([reverberation] if reverberation is not None else [])
         parts.extend(self._clutter_at(time_s).echoes(pose, emitter, mics))
+        shadows = Shadows.at(self.things, self.dishes, time_s)
         for item in self.dishes:
-            parts.extend(self._dish_and_floor(item, ping_index))
+            parts.extend(self._dish_ways(item, pose, shadows))
         return parts
 
     def own_echoes(self, item: DishObject, ping_index: int) -> Echoes | None:
         """The direct way to one dish and back; None if something hides all of it."""
-        ways = self._dish_and_floor(item, ping_index, by_floor=False)
+        shadows = Shadows.at(self.things, self.dishes, ping_index * self.ping_period_s)
+        ways = self._dish_ways(item, self.pose(ping_index), shadows, by_floor=False)
         return ways[0] if ways else None
+
+    def _dish_ways(
+        self, item: DishObject, pose: Pose, shadows: Shadows, *, by_floor: bool = True
+    ) -> list[Echoes]:
+        vertex, clear = (
+            item.vertex_at(shadows.time_s),
+            shadows.clear_part(item, np.asarray(pose.position_m)),
+        )
+        emitter, mics = np.array(EMITTER_POSITION_M), mic_positions_m()
+        return dish_ways(item, vertex, pose, self.room, emitter, mics, clear, by_floor=by_floor)
 
     def _clutter_at(self, time_s: float) -> Clutter:
         things = list(self.things)
@@ -228,40 +225,6 @@ class Scene:
             things.extend(stand_for(item) for item in self.dishes if item.is_landmark)
         moved = [thing.clutter.shifted(thing.offset_m(time_s)) for thing in things]
         return Clutter.join([self.clutter, *moved])
-
-    def _dish_and_floor(
-        self, item: DishObject, ping_index: int, *, by_floor: bool = True
-    ) -> list[Echoes]:
-        """Hear a dish directly, and by way of the floor there, back, and both."""
-        pose = self.pose(ping_index)
-        emitter, mics = np.array(EMITTER_POSITION_M), mic_positions_m()
-        vertex = pose.to_sensor(item.vertex_at(ping_index * self.ping_period_s))
-        axis, floor_z = pose.turn(item.axis), -pose.position_m[2]
-        mirror = np.array([1.0, 1.0, -1.0])
-        lift = np.array([0.0, 0.0, 2 * floor_z])
-        parts = []
-        ways = [(emitter, False)]
-        hearers = [(mics, False)]
-        if self.room.floor_reflection > 0 and by_floor:
-            ways.append((emitter * mirror + lift, True))
-            hearers.append((mics * mirror + lift, True))
-        clear = self.clear_part(item, ping_index)  # what stands on the floor hides those ways too
-        if clear == 0:
-            return []
-        for source, from_floor in ways:
-            leaving = vertex - source
-            sin_emission = _sin_off_axis(leaving)
-            for heard, to_floor in hearers:
-                bounces = from_floor + to_floor
-                grazing = abs(leaving[2]) / np.linalg.norm(leaving)
-                parts.append(
-                    dish_echoes(item.dish, axis, vertex, source, heard).emitted(
-                        sin_emission,
-                        factor=clear * self.room.floor_reflection**bounces,
-                        roughness_m=bounces * self.room.floor_roughness_m * grazing,
-                    )
-                )
-        return parts
 
 
 def own_sound(seed: int, air: Air) -> Echoes:
@@ -276,10 +239,3 @@ def own_train(seed: int, air: Air, band: Band) -> npt.NDArray[np.complex64]:
     train = np.zeros((NUM_MICS, band.length), np.complex64)
     add_echoes(train, own_sound(seed, air), air, band)
     return train
-
-
-def _sin_off_axis(direction: FloatArray) -> float:
-    """Sine of the angle off the emitter's axis (x); 1 for anything backward."""
-    if direction[0] <= 0:
-        return 1.0
-    return float(np.hypot(direction[1], direction[2]) / np.linalg.norm(direction))

@@ -48,14 +48,25 @@ def add_plane_wave(
     wave : complex64, shape (num_bins,), its spectrum
     turn_a_bin : float64, shape (num_mics,), phase from bin to bin, + for earlier
     """
-    lanes = np.empty(_LANES, np.complex128)
+    size = spectrum.shape[1]
+    c, s = np.empty(_LANES), np.empty(_LANES)
+    cosine, sine = np.empty(size + _LANES, np.float32), np.empty(size + _LANES, np.float32)
+    real, imag = np.empty(size, np.float32), np.empty(size, np.float32)
+    for n in range(size):
+        real[n], imag[n] = wave[n].real, wave[n].imag
+    parts = spectrum.view(np.float32)
     for mic in range(spectrum.shape[0]):
         for lane in range(_LANES):
             phase = lane * turn_a_bin[mic]
-            lanes[lane] = complex(np.cos(phase), np.sin(phase))
+            c[lane], s[lane] = np.cos(phase), np.sin(phase)
         phase = _LANES * turn_a_bin[mic]
-        step = complex(np.cos(phase), np.sin(phase))
-        for start in range(0, spectrum.shape[1], _LANES):
-            for lane in range(min(_LANES, spectrum.shape[1] - start)):
-                spectrum[mic, start + lane] += wave[start + lane] * np.complex64(lanes[lane])
-                lanes[lane] *= step
+        step_c, step_s = np.cos(phase), np.sin(phase)
+        for start in range(0, size, _LANES):
+            for lane in range(_LANES):
+                x, y = c[lane], s[lane]
+                cosine[start + lane], sine[start + lane] = np.float32(x), np.float32(y)
+                c[lane], s[lane] = x * step_c - y * step_s, x * step_s + y * step_c
+        out = parts[mic]
+        for n in range(size):
+            out[2 * n] += real[n] * cosine[n] - imag[n] * sine[n]
+            out[2 * n + 1] += real[n] * sine[n] + imag[n] * cosine[n]
