@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
@@ -40,21 +41,41 @@ class HostClock:
         self._offset_ns: int | None = None
         self._step_ns = 0
 
-    def unix_ns(self, monotonic_s: float) -> int:
-        """UNIX time of an instant of ``time.monotonic()`` (s), on the clock as it is set now."""
+    def unix_ns(self, monotonic_s: float) -> tuple[int, int]:
+        """UNIX time of an instant of ``time.monotonic()`` (s), on the clock as it is set now.
+
+        Returns
+        -------
+        tuple of int
+            The time, and how far it may be off as the two clocks are not read at one instant, ns.
+        """
+        now_s, half_s, (unix_ns, boot_ns) = self._read_beside()
+        self._notice_step(unix_ns - boot_ns)
+        return unix_ns - round((now_s - monotonic_s) * 1e9), math.ceil(half_s * 1e9)
+
+    def _read_beside(self) -> tuple[float, float, tuple[int, int]]:
+        """Monotonic time, how far from there the clocks were read at most (s), and what they told.
+
+        A thread may be scheduled away in between, for as long as it takes others to hear a ping:
+        the promptest of some readings is taken.
+        """
+        readings = []
         for _ in range(_READINGS):
-            now_s = time.monotonic()
-            unix_ns, boot_ns = self._read()
-            if time.monotonic() - now_s < 2e-9 * _PROMPT_NS:
+            before_s = time.monotonic()
+            told = self._read()
+            after_s = time.monotonic()
+            readings.append(((before_s + after_s) / 2, (after_s - before_s) / 2, told))
+            if after_s - before_s < 1e-9 * _PROMPT_NS:
                 break
-        age_s = now_s - monotonic_s
-        offset_ns = unix_ns - boot_ns
-        if self._offset_ns is not None and abs(offset_ns - self._offset_ns) < STEP_NS:
-            return unix_ns - round(age_s * 1e9)  # the old offset stays: small ones must add up
+        return min(readings, key=lambda reading: reading[1])
+
+    def _notice_step(self, offset_ns: int) -> None:
         if self._offset_ns is not None:
-            self._step_ns += offset_ns - self._offset_ns
+            step_ns = offset_ns - self._offset_ns
+            if abs(step_ns) < STEP_NS:
+                return  # the old offset stays: small ones must add up
+            self._step_ns += step_ns
         self._offset_ns = offset_ns
-        return unix_ns - round(age_s * 1e9)
 
     def take_step_ns(self) -> int:
         """How far the clock was set since this was last asked, ns; forward is positive."""

@@ -207,7 +207,7 @@ class ErtisDevice(Closing):
             before_s = time.monotonic()
             self._link.write(command, before_s + self._exchanges.timeout_s)
             triggered_s = commanded(before_s, time.monotonic())
-            time_ns = self._unix_ns(triggered_s)  # before a step of the clock can come between
+            at = self._unix_ns(triggered_s)  # before a step of the clock can come between
             try:
                 arrival = self._answer(before_s + self._patience_s(settings))
             except ErtisError as error:
@@ -215,7 +215,7 @@ class ErtisDevice(Closing):
                 raise
             self._exchanges.note(before_s, command, f"frame {arrival.raw.index}")
             self._unsettled = False
-            return self._frame(arrival, settings, time_ns, triggered_s, active=active)
+            return self._frame(arrival, settings, at, active=active)
 
     def wait_frame(self, timeout_s: float) -> PdmFrame:
         """Return the next frame that the external trigger makes the device send.
@@ -254,8 +254,8 @@ class ErtisDevice(Closing):
                     "frame was lost: wait again, or look at the trigger's wiring"
                 ) from error
             triggered_s = heard_of(arrival, settings.listening_s)
-            time_ns = self._unix_ns(triggered_s)
-            return self._frame(arrival, settings, time_ns, triggered_s, active=trigger.active)
+            at = self._unix_ns(triggered_s)
+            return self._frame(arrival, settings, at, active=trigger.active)
 
     def close(self) -> None:
         """Give the link back. May be called twice, and from any thread.
@@ -324,15 +324,16 @@ class ErtisDevice(Closing):
                 )
             log.warning("ping %d came again: dropped", arrival.raw.index)
 
-    def _unix_ns(self, interval_s: Interval) -> int:
-        return self._clock.unix_ns(sum(interval_s) / 2)
+    def _unix_ns(self, interval_s: Interval) -> tuple[int, int]:
+        """UNIX time of the middle of an interval, and half its width, ns."""
+        time_ns, error_ns = self._clock.unix_ns(sum(interval_s) / 2)
+        return time_ns, round((interval_s[1] - interval_s[0]) / 2 * 1e9) + error_ns
 
     def _frame(
         self,
         arrival: Arrival,
         settings: Settings,
-        time_ns: int,
-        triggered_s: Interval,
+        at: tuple[int, int],
         *,
         active: bool,
     ) -> PdmFrame:
@@ -342,8 +343,8 @@ class ErtisDevice(Closing):
         return PdmFrame(
             words=arrival.raw.words,
             ping_index=arrival.raw.index,
-            ping_time_ns=time_ns,
-            time_uncertainty_ns=round((triggered_s[1] - triggered_s[0]) / 2 * 1e9),
+            ping_time_ns=at[0],
+            time_uncertainty_ns=at[1],
             active=active,
             pdm_rate_hz=settings.pdm_rate_hz,
             clock_step_ns=step_ns,

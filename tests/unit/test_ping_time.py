@@ -34,8 +34,37 @@ def test_the_interval_of_a_replay_faster_than_sound_is_not_inside_out():
 def test_unix_time_of_a_past_instant():
     clock = HostClock()
     now_s, now_ns = time.monotonic(), time.time_ns()
-    assert abs(clock.unix_ns(now_s - 2.0) - (now_ns - 2_000_000_000)) < 50_000_000
+    assert abs(clock.unix_ns(now_s - 2.0)[0] - (now_ns - 2_000_000_000)) < 50_000_000
     assert clock.take_step_ns() == 0
+
+
+@pytest.mark.parametrize(("before_s", "after_s"), [(2e-3, 0.0), (0.0, 2e-3), (1.2e-4, 0.0)])
+def test_a_thread_scheduled_away_between_two_clocks_says_how_far_it_may_be_off(before_s, after_s):
+    def read():
+        time.sleep(before_s)
+        told = read_clocks()
+        time.sleep(after_s)
+        return told
+
+    earliest_ns = time.time_ns()
+    instant_s = time.monotonic()
+    latest_ns = time.time_ns()
+    time_ns, error_ns = HostClock(read).unix_ns(instant_s)
+    slewed_ns = 20_000  # UNIX time may be slewed by 500 ppm against the monotonic clock
+    assert time_ns - error_ns <= latest_ns + slewed_ns
+    assert time_ns + error_ns >= earliest_ns - slewed_ns
+    assert max(before_s, after_s) / 2 <= error_ns * 1e-9
+
+
+def test_the_promptest_of_some_readings_is_taken():
+    pauses_s = iter([5e-3, 1e-2, 0.0, *[5e-3] * 20])
+
+    def read():
+        time.sleep(next(pauses_s))
+        return read_clocks()
+
+    _, error_ns = HostClock(read).unix_ns(time.monotonic())
+    assert error_ns < 2_500_000
 
 
 def test_both_clocks_are_read_at_one_instant():
