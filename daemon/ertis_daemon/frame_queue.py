@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ertis_driver.frame import PdmFrame
 
@@ -31,6 +31,7 @@ class FrameQueue:
 
     def __init__(self, size: int, *, keep_newest: bool) -> None:
         self._drops = 0
+        self._dropped_steps_ns = 0
         self._items: deque[HeardPing] = deque()
         self._size = size
         self._keep_newest = keep_newest
@@ -44,7 +45,7 @@ class FrameQueue:
         with self._changed:
             while len(self._items) >= self._size and not self._abandoned:
                 if self._keep_newest:
-                    self._items.popleft()
+                    self._dropped_steps_ns += self._items.popleft().frame.clock_step_ns
                     self._drops += 1
                 else:
                     self._changed.wait()
@@ -81,10 +82,18 @@ class FrameQueue:
             if self._items:
                 ping = self._items.popleft()
                 self._changed.notify_all()
-                return ping
+                return self._with_dropped_steps(ping)
             if self._error is not None:
                 raise self._error
             return None
+
+    def _with_dropped_steps(self, ping: HeardPing) -> HeardPing:
+        """The clock was set since the ping taken before, not since one that was dropped."""
+        step_ns, self._dropped_steps_ns = self._dropped_steps_ns, 0
+        if not step_ns:
+            return ping
+        step_ns += ping.frame.clock_step_ns
+        return replace(ping, frame=replace(ping.frame, clock_step_ns=step_ns))
 
     def take_drops(self) -> int:
         """How many pings were dropped since this was last asked."""

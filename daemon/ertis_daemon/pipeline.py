@@ -105,6 +105,9 @@ class DetectorPipeline:
 
     def process(self, frame: PdmFrame) -> Heard:
         """Tracks after this ping."""
+        # For the tracker time goes on as it did, whatever the host's clock is set to, and whether
+        # or not this ping can be processed.
+        self._steps_ns += frame.clock_step_ns
         words = whole_samples(frame.words)
         if self._audio.shape[1] != words.size // DECIMATION:
             # Rows a power of two apart would compete for the same lines of the cache.
@@ -113,8 +116,6 @@ class DetectorPipeline:
         decoded = self._decoder.decode(words, self._audio)
         detections = self._detector.detect(decoded.audio)
         told = self._odometry.at_ping(frame.ping_time_ns) if self._odometry else None
-        # For the tracker time goes on as it did, whatever the host's clock is set to.
-        self._steps_ns += frame.clock_step_ns
         time_ns = frame.ping_time_ns - self._steps_ns
         tracks = self._tracker.update(detections, time_ns, told.motion if told else None)
         return Heard(

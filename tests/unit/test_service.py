@@ -194,6 +194,16 @@ def test_a_stop_ends_it_promptly_and_closes_both():
     assert not any(t.name == "acquisition" for t in threading.enumerate())
 
 
+def test_a_ping_that_is_dropped_leaves_the_step_of_the_clock_to_the_next():
+    queue = FrameQueue(2, keep_newest=True)
+    for index, step_ns in enumerate([7, 0, 20, 0, -3]):
+        queue.put(HeardPing(PdmFrame(WORDS, index, 0, clock_step_ns=step_ns), 0.5))
+    taken = [queue.get(0.0) for _ in range(2)]
+    assert [(one.frame.ping_index, one.frame.clock_step_ns) for one in taken] == [(3, 27), (4, -3)]
+    assert taken[0].arrived_s == 0.5
+    assert taken[0].frame.words is WORDS
+
+
 def test_a_full_queue_that_is_abandoned_lets_its_producer_go():
     queue = FrameQueue(1, keep_newest=False)
     ping = HeardPing(PdmFrame(WORDS, 0, 0), 0.0)
