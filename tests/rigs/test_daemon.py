@@ -18,6 +18,7 @@ from ertis_daemon.config_read import parse_config
 from ertis_daemon.layers import Sources
 from ertis_daemon.pipeline import build_pipeline
 from ertis_daemon.serving.daemon import Daemon
+from ertis_detector.errors import DetectorError
 from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.emulator import Emulator
 from ertis_driver.frame import PdmFrame
@@ -227,6 +228,22 @@ def test_what_is_wrong_with_one_sonar_ends_that_one_only_and_a_reload_heals_it(
     wait_for(lambda: daemon.ask("ertis/b/status") == [])
 
 
+def test_a_reload_that_removes_the_last_sonar_alive_and_heals_the_other_ends_nothing(
+    run, cables, tmp_path
+):
+    for name in "ab":
+        cables(name).plug()
+    daemon = run(
+        f"sonars: {{a: {{device: {{address: 'replay:{tmp_path}/none.mcap'}}}},"
+        f" b: {{device: {{address: 'serial:{cables('b').path}'}}}}}}\n"
+    )
+    daemon.wait("a", state="failed")
+    daemon.configure(f"sonars: {{a: {{device: {{address: 'serial:{cables('a').path}'}}}}}}\n")
+    (reply,) = daemon.ask("ertis/a/cmd/reload")
+    assert reply["said"] == ["b: removed", "a: opened again, for device.address"]
+    daemon.wait("a", state="running", pings_heard=2)
+
+
 def test_sonars_that_take_turns_never_listen_at_the_same_time(run, cables):
     for name in "ab":
         cables(name).plug()
@@ -406,6 +423,8 @@ def test_tracks_are_not_lost_to_a_clock_that_is_set(heard_landmarks):
     for index in range(10):
         tracks = process(index, ping.frame.words, 40_000_000 * index)
     assert tracks
-    assert process(10, noise, 400_000_000 + hour_ns, hour_ns) == []
+    with pytest.raises(DetectorError, match="audio of shape"):  # it fails as the clock is set
+        process(10, noise[:-7], 390_000_000 + hour_ns, 2 * hour_ns)
+    assert process(10, noise, 400_000_000 + hour_ns, -hour_ns) == []
     after = process(11, ping.frame.words, 440_000_000 + hour_ns)
     assert {track.track_id for track in after} == {track.track_id for track in tracks}

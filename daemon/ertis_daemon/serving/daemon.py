@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError  # the builtin one from 3.11 on
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
@@ -96,7 +97,7 @@ class Daemon:
 
     def statuses(self) -> dict[str, Status]:
         """The counters of each sonar, by name."""
-        return {name: life.status for name, life in self._lives.items()}
+        return {name: life.status for name, life in tuple(self._lives.items())}
 
     def hang_up(self) -> None:
         """Reload soon; safe in a signal handler, as no lock is."""
@@ -115,7 +116,7 @@ class Daemon:
             self._asked.append(asked)
         try:
             return asked.result(RELOAD_S)
-        except TimeoutError as error:
+        except FutureTimeoutError as error:
             raise ReloadError(f"not done within {RELOAD_S:g} s: look at the log") from error
 
     def _watch(self) -> None:

@@ -79,8 +79,8 @@ class SonarLife(threading.Thread):
         Since the daemon began.
     error : Exception or None
         What ended it for good.
-    is_settled, is_over : bool
-        The first try to open it is over; it will not be opened again.
+    is_settled : bool
+        The first try to open it is over.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class SonarLife(threading.Thread):
         self.requests = PingRequests()
         self.recorder = self._new_recorder(config, can_command=can_command)
         self.error: Exception | None = None
-        self.is_settled = self.is_over = False
+        self.is_settled = self._is_over = False
         self._can_command = can_command
         self._turns = turns
         self._beat = beat
@@ -113,6 +113,11 @@ class SonarLife(threading.Thread):
         self._run_stop = threading.Event()
         self._pause_s = FIRST_PAUSE_S
         self._checked: SonarConfig | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it will not be opened again: it has ended, and nobody has configured it anew."""
+        return self._is_over and self._next is None
 
     def run(self) -> None:
         """Serve until stopped."""
@@ -166,7 +171,7 @@ class SonarLife(threading.Thread):
             self.recorder.close()
             self.recorder = self._new_recorder(config, can_command=self._can_command)
         self.config, self._turns = config, turns
-        self.error, self.is_over = None, False
+        self.error, self._is_over = None, False
 
     def _new_recorder(self, config: SonarConfig, *, can_command: bool) -> Recorder:
         keeps_ring = can_command or bool(config.record.on)
@@ -250,7 +255,7 @@ class SonarLife(threading.Thread):
         if error is not None:
             log.error("%s: %s", self.config.device.name, error)
         self.error = error
-        self.is_settled = self.is_over = True
+        self.is_settled = self._is_over = True
         self._linger(stop, float("inf"))
 
     def _linger(self, stop: threading.Event, until_s: float) -> None:
