@@ -198,6 +198,19 @@ def test_the_oldest_recordings_of_this_sonar_make_room_and_no_other_file(tmp_pat
     assert len(left) == 2 + 4 + 1
 
 
+def test_recordings_of_a_clock_that_was_ahead_make_room_as_well(tmp_path):
+    for day in range(1, 5):
+        write(tmp_path, f"s-2096010{day}T000000.000Z-new.mcap", 1000)
+    folder = RecordingFolder(str(tmp_path), "s", 4500, 0)
+    path = folder.new_path("new")
+    write(tmp_path, path.name, 1000)
+    folder.make_room(path, 2000)
+    assert sorted(one.name for one in tmp_path.iterdir()) == [
+        path.name,
+        "s-20960104T000000.000Z-new.mcap",
+    ]
+
+
 def test_a_recording_larger_than_the_folder_may_be_ends_with_what_there_is_room_for(make):
     recorder = make(before_s=0.0, after_s=60.0, folder_mb=5)  # 38 frames of 131 kB
     path = recorder.trigger("new")
@@ -215,6 +228,19 @@ def test_a_disk_that_would_be_too_full_is_left_alone(make):
     path = recorder.trigger("new")
     wait_for(lambda: recorder._status.recordings_failed == 1)
     assert not path.exists()
+
+
+def test_a_ping_that_no_file_can_hold_does_not_end_the_recorder(make, caplog):
+    recorder = make(before_s=5.0, after_s=0.0)
+    recorder.heard(PdmFrame(np.zeros(NUM_WORDS, np.uint32), 0, -1))  # MCAP has no time before 1970
+    recorder.trigger("new")
+    wait_for(lambda: recorder._status.recordings_failed == 1)
+    assert "nothing recorded" in caplog.text
+    recorder.begin(INFO)
+    recorder.heard(frame(1))
+    path = recorder.trigger("new")
+    wait_for(lambda: recorder._status.recordings == 1)
+    assert indices(path) == [1]
 
 
 def test_the_state_folder_is_systemds_or_the_users(monkeypatch):

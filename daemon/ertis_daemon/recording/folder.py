@@ -97,8 +97,10 @@ class RecordingFolder:
         total = sum(sizes.values()) + num_bytes
         for file, size in sizes.items():
             enough = total <= self._max_bytes and self._free(path.parent) >= num_bytes
-            if enough or file == path:
+            if enough:
                 break
+            if file == path:  # not the newest by name if the clock was set back
+                continue
             log.info("%s is removed, to make room", file)
             file.unlink(missing_ok=True)
             total -= size

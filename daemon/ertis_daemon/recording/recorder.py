@@ -213,6 +213,9 @@ class Recorder(Closing):
                 self._status.recordings += 1
             except (RecordingError, NoRoom) as error:
                 self._failed(error)
+            except Exception:
+                self._status.recordings_failed += 1
+                log.exception("nothing recorded: %s", recording.path)
             with self._changed:
                 self._waiting.popleft()
                 if self._now is recording:
