@@ -48,8 +48,10 @@ def main(size: str, locators: list[str]) -> None:
             mark = newest(subscriber, size)
             if mark is not None:
                 heard_s = time.monotonic()
-                v, w = velocities(mark["range_m"], mark["azimuth_rad"])
                 reached = mark["range_m"] <= STOP_AT_M
+                v, w = velocities(mark["range_m"], mark["azimuth_rad"])
+                if reached:
+                    v = w = 0.0
                 told = {"v": round(v, 3), "w": round(w, 3), "range_m": mark["range_m"]}
                 print(json.dumps(told | {"reached": reached}), flush=True)
                 if reached:

@@ -16,6 +16,7 @@ with zenoh.open(config) as session:
     for sample in subscriber:
         event = json.loads(sample.payload.to_bytes())
         for mark in event["landmarks"]:
-            bearing = math.degrees(mark["azimuth_rad"] or math.nan)
-            print(event["device"], mark["class"], f"{mark['range_m']:.2f} m", f"{bearing:+.0f} deg",
-                  mark["state"], event["source"], flush=True)  # fmt: skip
+            place = mark["range_m"], mark["azimuth_rad"]  # null where it could not be told
+            range_m, azimuth = (math.nan if one is None else one for one in place)
+            where = f"{range_m:.2f} m {math.degrees(azimuth):+.0f} deg"
+            print(event["device"], mark["class"], where, mark["state"], event["source"], flush=True)

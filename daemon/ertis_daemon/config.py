@@ -44,7 +44,7 @@ def _check_locators(values: tuple[str, ...]) -> str | None:
 
 def _check_host(value: str) -> str | None:
     host, colon, port = value.rpartition(":")
-    if not value or (host and colon and port.isdigit() and int(port) < 65536):
+    if not value or (host and colon and port.isdecimal() and int(port) < 65536):
         return None
     return f"{value!r}, expected HOST:PORT such as localhost:9464"
 

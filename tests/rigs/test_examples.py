@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import zenoh
 from daemon_rig import DEADLINE_S, status_of, wait_for
 
 from ertis_driver.recording import read_recording
@@ -64,6 +65,25 @@ def test_docking_commands_velocities_and_stands_still_when_nothing_is_heard(
     assert abs(told["w"]) <= 0.6
     none = start_example("dock.py", "r999", locator)
     assert json.loads(none.stdout.readline()) == {"v": 0.0, "w": 0.0}
+
+
+def test_docking_ends_standing_still(free_locator, start_example):
+    locator = free_locator()
+    config = zenoh.Config()
+    config.insert_json5("listen/endpoints", json.dumps([locator]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    beside = {"class": "r58", "state": "update", "probabilities": {"r58": 0.9}}
+    beside |= {"range_m": 0.35, "azimuth_rad": 0.3}
+    with zenoh.open(config) as session:
+        process = start_example("dock.py", "r58", locator)
+
+        def publish_until_it_ends():
+            session.put("ertis/t/landmarks", json.dumps({"landmarks": [beside]}))
+            return process.poll() is not None
+
+        wait_for(publish_until_it_ends)
+    last = json.loads(process.stdout.read().splitlines()[-1])
+    assert last == {"v": 0.0, "w": 0.0, "range_m": 0.35, "reached": True}
 
 
 def test_the_recorder_records_what_the_sonar_sent(
