@@ -11,7 +11,7 @@ from ertis_driver.errors import DeviceTimeout, FrameCorrupt
 from ertis_driver.exchanges import QUIET_S, READ_BYTES
 from ertis_driver.frame_parser import FrameParser
 from ertis_driver.links import Link
-from ertis_driver.protocol import RawFrame, frame_bytes
+from ertis_driver.protocol import HEADER_BYTES, RawFrame, frame_bytes
 
 MIN_BYTES_PER_S = 4e6  # far below USB high speed (33e6 at best); for the deadline only
 WAKE_S = 2e-3  # from bytes that come to a process that waits for them
@@ -67,7 +67,7 @@ class FrameReader:
         self._size = frame_bytes(num_words)
         self._whole_s = listening_s + self._size / MIN_BYTES_PER_S + slack_s
         self._gap_s = gap_s
-        self._buffer = memoryview(bytearray(READ_BYTES))
+        self._stale_bytes = memoryview(bytearray(READ_BYTES))
         self._ready: deque[Arrival] = deque(maxlen=READY_FRAMES)
         self._empty_s = time.monotonic()  # when the link last held nothing more than was read
         # For each read: how many bytes there were in all, and between when and when they came.
@@ -92,7 +92,7 @@ class FrameReader:
         self._stale += self._size * len(self._ready)
         self._ready.clear()
         self._met = 0
-        count = self._link.read_into(self._buffer, 0.0)
+        count = self._link.read_into(self._stale_bytes, 0.0)
         self._stale += count
         return count == 0
 
@@ -117,8 +117,9 @@ class FrameReader:
         corrupt = self.frames_corrupt
         started_s = time.monotonic()
         end_s = max(begin_s, started_s) + self._whole_s  # also for a device that never falls silent
-        deadline = begin_s if not self._met else started_s + self._gap_s
-        while self._receive(deadline):
+        gap_s = self._gap_s
+        deadline = begin_s if not self._met else started_s + gap_s
+        while self._receive(deadline, gap_s, end_s):
             if self._ready:
                 return self._ready.popleft()
             if time.monotonic() >= end_s:
@@ -143,31 +144,48 @@ class FrameReader:
             f"{damage}; ping again"
         )
 
-    def _receive(self, deadline: float) -> int:
-        count, came_s = self._read_timed(deadline)
+    def _receive(self, deadline: float, gap_s: float, end_s: float) -> bool:
+        """Read on, and take what is whole; return False if it fell silent."""
+        room = self._parser.room()
+        begun = self._parser.pending_bytes >= len(HEADER_BYTES)
+        if begun:
+            count, came_s = self._read_rest(room, deadline, gap_s, end_s)
+        else:
+            count, came_s = self._read_timed(room, deadline)
         if count:
             self._met += count
             self._fed += count
             self._reads.append((self._fed, came_s))
-            frames = self._parser.feed(self._buffer[:count])
+            frames = self._parser.took(count)
             self._keep(frames)
             if frames:
                 self._met = self._parser.pending_bytes  # what is left belongs to the next frame
             self._forget_reads(self._fed - self._parser.pending_bytes)
-        return count
+        return count == len(room) if begun else count > 0
 
-    def _read_timed(self, deadline: float) -> tuple[int, tuple[float, float]]:
+    def _read_timed(self, room: memoryview, deadline: float) -> tuple[int, tuple[float, float]]:
         """What waits already may have waited for long; what has to be waited for is new."""
-        count = self._link.read_into(self._buffer, 0.0)
-        earliest_s, now_s = self._empty_s, time.monotonic()
-        self._empty_s = now_s
-        if not count:
-            count = self._link.read_into(self._buffer, deadline)
-            earliest_s, now_s = now_s, time.monotonic()
-            if count:
-                earliest_s = max(earliest_s, now_s - WAKE_S)
-            self._empty_s = now_s
-        return count, (earliest_s, now_s)
+        asked_s = time.monotonic()
+        if count := self._link.read_into(room, 0.0):
+            return count, (self._empty_s, time.monotonic())
+        self._empty_s = asked_s
+        count = self._link.read_into(room, deadline)
+        now_s = time.monotonic()
+        return count, (max(asked_s, now_s - WAKE_S), now_s)
+
+    def _read_rest(
+        self, room: memoryview, deadline: float, gap_s: float, end_s: float
+    ) -> tuple[int, tuple[float, float]]:
+        """Fill it, piece by piece: a tty hands out 4 KB at a time, so this is done 160 times."""
+        begun_s = time.monotonic()
+        count = 0
+        while got := self._link.read_into(room[count:], deadline):
+            count += got
+            now_s = time.monotonic()
+            if count == len(room) or now_s >= end_s:
+                break
+            deadline = min(end_s, now_s + gap_s)
+        return count, (begun_s, time.monotonic())
 
     def _forget_reads(self, start: int) -> None:
         while len(self._reads) > 1 and self._reads[0][0] <= start:

@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 SCHEMA = "ertis.landmarks/1"
@@ -70,26 +71,50 @@ class LandmarkEvent:
 
     def to_json(self) -> bytes:
         """Return one line of JSON, UTF-8; NaN and infinities become null."""
-        return dump_json(_plain(self))
+        return dump_json(self)
 
 
 def dump_json(value: Any) -> bytes:
     """Compact JSON in UTF-8, numbers that JSON does not have as null."""
-    text = json.dumps(_plain(value), separators=(",", ":"), allow_nan=False, ensure_ascii=False)
-    return text.encode()
+    try:
+        return _dump(value).encode()
+    except ValueError:  # a NaN or an infinity is somewhere in it
+        return _dump(_plain(value)).encode()
+
+
+_dump = json.JSONEncoder(
+    separators=(",", ":"), allow_nan=False, ensure_ascii=False, default=lambda value: _items(value)
+).encode
 
 
 def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        pairs = ((f.metadata.get("key") or f.name, f.name) for f in dataclasses.fields(value))
-        return {key: _plain(getattr(value, name)) for key, name in pairs}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+    """The same, made of dicts, lists and finite numbers."""
     if isinstance(value, float):  # numpy's float64 is one
         return float(value) if math.isfinite(value) else None
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping) or _is_instance(value):
+        return {str(key): _plain(item) for key, item in _items(value).items()}
     return value
+
+
+def _items(value: Any) -> dict[Any, Any]:
+    """What the encoder does not know by itself: a mapping, or a dataclass by its JSON keys."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    if not _is_instance(value):
+        raise TypeError(f"{type(value).__name__} has no JSON form")
+    return {key: getattr(value, name) for key, name in _keys(value.__class__)}
+
+
+def _is_instance(value: Any) -> bool:
+    return dataclasses.is_dataclass(value) and not isinstance(value, type)
+
+
+@cache
+def _keys(kind: type[Any]) -> tuple[tuple[str, str], ...]:
+    """Key in JSON and name of each field."""
+    return tuple((f.metadata.get("key") or f.name, f.name) for f in dataclasses.fields(kind))
 
 
 def json_schema() -> dict[str, Any]:

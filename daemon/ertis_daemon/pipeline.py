@@ -128,7 +128,10 @@ class DetectorPipeline:
 
 
 def build_pipeline(
-    config: SonarConfig, settings: Settings, odometry: Odometry | None = None
+    config: SonarConfig,
+    settings: Settings,
+    odometry: Odometry | None = None,
+    detector: LandmarkDetector | None = None,
 ) -> DetectorPipeline:
     """Build the pipeline that fits a configuration.
 
@@ -140,20 +143,15 @@ def build_pipeline(
         What the sonar is set to; for a recording that is what it was recorded with.
     odometry
         What tells how the sonar moved.
+    detector
+        What ``detector_for`` made of the same; made now if there is none.
 
     Raises
     ------
     DetectorError
         If the model cannot be read or does not fit the chirp.
     """
-    from ertis_detector.model import TRACKING_PROBABILITY
-
-    detector = build_detector(
-        settings,
-        config.temperature_c,
-        config.detector.model,
-        config.detector.min_probability or TRACKING_PROBABILITY,
-    )
+    detector = detector or detector_for(config, settings)
     model = detector.model
     return DetectorPipeline(
         PdmDecoder(),
@@ -162,6 +160,24 @@ def build_pipeline(
         model_name=model.name,
         classes=tuple(model.classes),
         odometry=odometry,
+    )
+
+
+def detector_for(config: SonarConfig, settings: Settings) -> LandmarkDetector:
+    """Build the detector that feeds a tracker: it reports what is improbable, too.
+
+    Raises
+    ------
+    DetectorError
+        If the model cannot be read or does not fit the chirp.
+    """
+    from ertis_detector.model import TRACKING_PROBABILITY
+
+    return build_detector(
+        settings,
+        config.temperature_c,
+        config.detector.model,
+        config.detector.min_probability or TRACKING_PROBABILITY,
     )
 
 

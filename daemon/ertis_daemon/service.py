@@ -177,7 +177,7 @@ class Service:
         self.status.pings_without_odometry += heard.without_odometry
         if event is not None:
             self.status.events += 1
-            if self._recorder is not None:
+            if self._recorder is not None and self._recorder.wants_events:
                 self._recorder.published(event.to_json(), frame.ping_time_ns)
             self.status.latencies_ms.append(1000.0 * (time.monotonic() - ping.arrived_s))
             log.debug("ping %d: %d landmarks", frame.ping_index, len(event.landmarks))

@@ -67,6 +67,9 @@ class SerialLink:
         self._closing_once = threading.Lock()
         self._closing = False
         self._wake_read, self._wake_write = os.pipe()
+        self._incoming, self._outgoing = (
+            self._poll_for(event) for event in (select.POLLIN, select.POLLOUT)
+        )
 
     @property
     def name(self) -> str:
@@ -88,7 +91,7 @@ class SerialLink:
             while sent < len(data):
                 self._check_open()
                 try:
-                    ready = self._wait(select.POLLOUT, deadline)
+                    ready = _wait(self._outgoing, deadline)
                     if ready and not self._closing:
                         sent += os.write(self._fd, data[sent:])
                 except BlockingIOError:
@@ -118,15 +121,13 @@ class SerialLink:
             while True:
                 self._check_open()
                 try:
-                    if not self._wait(select.POLLIN, deadline):
-                        return 0
-                    if self._closing:
-                        continue
                     # pyserial's read would drop what it has when the device goes away.
                     count = os.readv(self._fd, [buffer])
                 except BlockingIOError:
-                    continue
-                except (OSError, termios.error) as error:
+                    if _wait(self._incoming, deadline):
+                        continue
+                    return 0
+                except OSError as error:
                     raise self._lost(error) from error
                 if count == 0:
                     raise self._lost(None)
@@ -150,13 +151,12 @@ class SerialLink:
             os.close(self._wake_write)
             self._fd = self._wake_read = self._wake_write = -1
 
-    def _wait(self, event: int, deadline: float) -> bool:
-        """Whether the port is ready, has gone away, or is being closed, by the deadline."""
+    def _poll_for(self, event: int) -> select.poll:
         # Not select.select: it knows no descriptor beyond 1023.
         poll = select.poll()
         poll.register(self._fd, event)
         poll.register(self._wake_read, select.POLLIN)
-        return bool(poll.poll(min(1000.0 * left_s(deadline), MAX_POLL_MS)))
+        return poll
 
     def _check_open(self) -> None:
         if self._closing:
@@ -167,6 +167,11 @@ class SerialLink:
         self.close()
         reason = error or "it hung up"
         return DeviceLost(f"{self._name} went away ({reason}): check the cable and reopen it")
+
+
+def _wait(poll: select.poll, deadline: float) -> bool:
+    """Whether the port is ready, has gone away, or is being closed, by the deadline."""
+    return bool(poll.poll(min(1000.0 * left_s(deadline), MAX_POLL_MS)))
 
 
 def _errno(error: BaseException | None) -> int | None:

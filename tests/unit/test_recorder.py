@@ -128,6 +128,9 @@ def test_no_ring_is_kept_for_a_recorder_that_nothing_triggers(make):
     recorder = make(keeps_ring=False)
     recorder.heard(frame(0))
     assert recorder._ring.num_bytes == 0
+    assert not recorder.wants_events
+    recorder.trigger("on-demand", after_s=5.0)
+    assert recorder.wants_events
 
 
 def test_a_sonar_opened_anew_ends_the_recording_and_forgets_what_was_before(make):

@@ -70,6 +70,7 @@ class Recorder(Closing):
         self._folder = RecordingFolder(
             config.folder, name, config.folder_mb * MEGABYTE, config.keep_free_mb * MEGABYTE
         )
+        self._keeps_ring = keeps_ring
         keep_s = config.before_s if keeps_ring else 0.0
         self._ring = FrameRing(keep_s, config.memory_mb * MEGABYTE)
         self._events: deque[tuple[bytes, int]] = deque(maxlen=EVENTS_KEPT)
@@ -103,6 +104,11 @@ class Recorder(Closing):
             else:
                 now.frames.append(frame)
                 self._changed.notify_all()
+
+    @property
+    def wants_events(self) -> bool:
+        """Whether an event published now may get into a recording."""
+        return self._keeps_ring or self._now is not None
 
     def published(self, event: bytes, time_ns: int) -> None:
         """Keep an event with its ping, of that time. Returns at once."""

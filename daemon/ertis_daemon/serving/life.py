@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ertis_daemon.acquisition import Pace, PingRequests
 from ertis_daemon.config import SonarConfig
@@ -18,7 +18,7 @@ from ertis_daemon.recording.recorder import Recorder
 from ertis_daemon.service import Service, ServiceError
 from ertis_daemon.serving.about import sonar_info
 from ertis_daemon.serving.outputs import Publisher
-from ertis_daemon.serving.reload import check_models
+from ertis_daemon.serving.reload import load_detector
 from ertis_daemon.serving.reporter import Reporter
 from ertis_daemon.status import State, Status
 from ertis_daemon.turns import Turns
@@ -36,6 +36,9 @@ from ertis_driver.errors import (
 )
 from ertis_driver.open import open_device
 from ertis_driver.recording import RecordingInfo
+
+if TYPE_CHECKING:
+    from ertis_detector.detector import LandmarkDetector
 
 log = logging.getLogger(__name__)
 
@@ -113,6 +116,7 @@ class SonarLife(threading.Thread):
         self._run_stop = threading.Event()
         self._pause_s = FIRST_PAUSE_S
         self._checked: SonarConfig | None = None
+        self._detector: LandmarkDetector | None = None  # of what was checked
 
     @property
     def is_over(self) -> bool:
@@ -180,7 +184,8 @@ class SonarLife(threading.Thread):
     def _serve(self, stop: threading.Event) -> None:
         config = self.config
         if self._checked is not config:
-            check_models((config,))  # a wrong one is said at once, not when the device is there
+            # Now: a wrong model is said at once, not when the device is there; and it is read once.
+            self._detector = load_detector(config)
             self._checked = config
         if self.status.state not in ("waiting", "failed"):
             self.status.state = "starting"
@@ -189,7 +194,8 @@ class SonarLife(threading.Thread):
             sonar.configure(config.settings())
             self._beat()
             settings = sonar.settings or config.settings()  # a recording keeps its own
-            pipeline = build_pipeline(config, settings, self._odometry(config, stack))
+            detector = self._detector if settings == config.settings() else None
+            pipeline = build_pipeline(config, settings, self._odometry(config, stack), detector)
             self._opened(sonar, settings, pipeline)
             pace = Pace(
                 config.ping_on,

@@ -5,10 +5,14 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ertis_daemon.config import Config, SonarConfig
 from ertis_daemon.config_read import HARDWARE
 from ertis_driver.errors import ErtisError
+
+if TYPE_CHECKING:
+    from ertis_detector.detector import LandmarkDetector
 
 WHOLE = ("zenoh", "ros2", "prometheus")  # sections that only a restart of the daemon takes
 
@@ -65,18 +69,35 @@ def check_models(sonars: tuple[SonarConfig, ...]) -> None:
     ReloadError
         If one cannot, or does not fit the chirp.
     """
-    from ertis_daemon.pipeline import build_pipeline
+    for sonar in sonars:
+        load_detector(sonar)
+
+
+def load_detector(sonar: SonarConfig) -> LandmarkDetector | None:
+    """Load what a sonar is configured to detect with.
+
+    Returns
+    -------
+    LandmarkDetector or None
+        None for a recording, which has its own chirp; its model is only looked at.
+
+    Raises
+    ------
+    ReloadError
+        If the model cannot be loaded, or does not fit the chirp.
+    """
+    from ertis_daemon.pipeline import detector_for
     from ertis_detector.errors import DetectorError
     from ertis_detector.model import load_model
 
-    for sonar in sonars:
-        try:
-            if sonar.device.address.startswith(HARDWARE):  # a recording has its own chirp
-                build_pipeline(sonar, sonar.settings())
-            elif sonar.detector.model:
-                load_model(Path(sonar.detector.model))
-        except DetectorError as error:
-            raise ReloadError(f"{sonar.device.name}: detector.model: {error}") from error
+    try:
+        if sonar.device.address.startswith(HARDWARE):
+            return detector_for(sonar, sonar.settings())
+        if sonar.detector.model:
+            load_model(Path(sonar.detector.model))
+    except DetectorError as error:
+        raise ReloadError(f"{sonar.device.name}: detector.model: {error}") from error
+    return None
 
 
 def _differing(old: object, new: object, path: str) -> list[str]:
