@@ -74,6 +74,26 @@ def test_silence_speaks_against_it_and_more_where_it_would_be_heard():
     assert evidence[0.9].existence < evidence[0.3].existence < heard([0.0]).existence
 
 
+def test_silence_where_it_was_heard_counts_in_full_against_chance_alarms():
+    sides = [0.0, 8.0, 16.0]
+    heard_only, evidence = heard(sides, likely=0.0), heard(sides, likely=0.0)
+    evidence.missed(view(), PD)
+    fall = heard_only.existence - evidence.existence
+    assert fall == pytest.approx(-math.log(1 - PD))
+
+
+def test_what_was_heard_or_missed_for_long_is_given_up_or_believed_again_in_time():
+    evidence = heard([0.0] * 500, PRIOR)
+    for _ in range(25):
+        evidence.missed(view(), PD)
+    assert evidence.existence < -9.0
+    for _ in range(475):
+        evidence.missed(view(), PD)
+    for _ in range(4):
+        evidence.heard(view(), PRIOR, PD, 2.0)
+    assert evidence.existence > -5.0
+
+
 def test_chance_neighbours_are_no_landmark():
     near, far = heard([0.0, 8.0], likely=6.0), heard([0.0, 8.0], likely=-6.0)
     assert far.existence < near.existence - 3.0
@@ -138,6 +158,8 @@ def test_no_false_alarm_in_the_evaluation_is_not_taken_for_none_ever():
     assert DetectorRates.from_figures({"false_alarms_per_ping": 0.0}).false_alarms_per_ping > 0.0
     silent = DetectorRates.from_figures({"found": 0.0, "precision": 0.0})
     assert 0.0 < silent.chance < silent.found
+    for precision in (0.0, 1.0):  # of few reports
+        assert 0.0 < DetectorRates.from_figures({"precision": precision}).precision < 1.0
 
 
 def test_a_nearer_and_less_oblique_echo_is_louder():

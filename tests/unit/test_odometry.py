@@ -62,6 +62,22 @@ def test_a_ping_after_the_latest_pose_is_guessed_and_less_sure():
     assert (np.diag(motions[1].covariance)[:2] > 10 * np.diag(motions[0].covariance)[:2]).all()
 
 
+def test_a_turn_that_is_guessed_leaves_a_sonar_far_from_the_middle_less_sure_of_its_place():
+    sigmas_m = []
+    for x_m in (0.0, 0.5):
+        odometry = told(pose(0), pose(100, yaw_rad=0.1), on_robot=PoseConfig(x_m=x_m))
+        odometry.at_ping(100 * MS)
+        covariance = odometry.at_ping(300 * MS).motion.covariance
+        assert math.sqrt(covariance[2, 2]) == pytest.approx(0.1, rel=0.05), "half of 0.2 rad"
+        sigmas_m.append(math.sqrt(covariance[0, 0]))
+    assert sigmas_m[0] < 0.01
+    assert sigmas_m[1] == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_ping_at_the_very_time_of_the_only_pose_is_there():
+    assert told(pose(100, 0.3)).at_ping(100 * MS).is_known
+
+
 @pytest.mark.parametrize(
     ("samples", "ping_ms"),
     [
@@ -95,6 +111,15 @@ def test_time_that_goes_back_and_a_pose_set_anew_start_odometry_again(again):
     assert odometry.at_ping(100 * MS).is_known
     odometry.add(again)
     assert not odometry.at_ping(150 * MS).is_known
+
+
+def test_a_pose_set_anew_is_no_motion():
+    odometry = told(pose(0), pose(200, 0.2))
+    odometry.at_ping(100 * MS)
+    for sample in (pose(300, 100.0), pose(400, 100.1)):
+        odometry.add(sample)
+    after = odometry.at_ping(350 * MS)
+    assert (after.is_known, after.motion) == (True, None)
 
 
 def test_the_same_pose_twice_is_taken_once():

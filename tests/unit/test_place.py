@@ -84,6 +84,48 @@ def test_without_odometry_the_stated_covariance_is_rather_too_large():
     assert 2.0 < np.mean(squared) < 3.0 + BAND
 
 
+def test_on_a_straight_way_the_place_is_the_best_linear_estimate():
+    """Range alone, ahead: the estimate of least variance, from the covariance of all errors."""
+    rng, step_m, num_pings = np.random.default_rng(3), 0.03, 6
+    variance = measured((2.0, 0.0, 0.0), np.diag(np.diag(COVARIANCE))).noise[0, 0]
+    alike = math.exp(-step_m / PLACE_LENGTHS[1])
+    ping = np.arange(num_pings)
+    slow = (1 - STAYING_SHARE - NOISE_SHARE) * alike ** np.abs(ping[:, None] - ping)
+    spread = variance * (slow + NOISE_SHARE * np.eye(num_pings))
+    weights = np.linalg.solve(spread, np.ones(num_pings))
+    errors_m = rng.multivariate_normal(np.zeros(num_pings), spread)
+    forward = Motion(PlanarPose(step_m, 0.0, 0.0), np.zeros((3, 3)))
+    place = None
+    for n, error_m in enumerate(errors_m):
+        heard = measured((2.0 - n * step_m + error_m, 0.0, 0.0), np.diag(np.diag(COVARIANCE)))
+        if place is None:
+            place = Place(heard)
+            continue
+        place.move(forward, is_known=True)
+        place.update(heard)
+    best_m = 2.0 - step_m * (num_pings - 1) + weights @ errors_m / weights.sum()
+    assert place.seen[0] == pytest.approx(best_m, abs=0.02 * math.sqrt(variance))
+    stated = place.seen_covariance()[0, 0]
+    assert stated == pytest.approx(1 / weights.sum() + STAYING_SHARE * variance, rel=0.01)
+
+
+def test_what_odometry_does_not_know_spreads_the_place_as_it_spreads_true_ones():
+    seen, step = (2.0, 0.5, 0.2), PlanarPose(0.1, -0.05, 0.2)
+    covariance = np.array([[4e-6, 1e-6, 2e-6], [1e-6, 9e-6, -3e-6], [2e-6, -3e-6, 1.6e-5]])
+    known, told = Place(measured(seen)), Place(measured(seen))
+    known.move(Motion(step, np.zeros((3, 3))), is_known=True)
+    told.move(Motion(step, covariance), is_known=True)
+    across = seen[0] * math.cos(seen[2])
+    point = np.array([across * math.cos(seen[1]), across * math.sin(seen[1]), 0.0])
+    point[2] = seen[0] * math.sin(seen[2])
+    mean = [step.x_m, step.y_m, step.yaw_rad]
+    drawn = np.random.default_rng(5).multivariate_normal(mean, covariance, 5000)
+    true = np.cov([true_place(point, PlanarPose(*one)) for one in drawn], rowvar=False)
+    added = told.seen_covariance() - known.seen_covariance()
+    scale = np.sqrt(np.outer(true.diagonal(), true.diagonal()))
+    assert added / scale == pytest.approx(true / scale, abs=0.06)
+
+
 def test_standing_still_makes_a_place_no_surer_than_its_noise_and_moving_does():
     rng = np.random.default_rng(1)
     _, still = follow(rng, PlanarPose(0.0, 0.0, 0.0), 30, odometry=True)

@@ -6,7 +6,7 @@ import pytest
 from ertis_detector.detection import Detection
 from ertis_detector.motion import Motion, PlanarPose
 from ertis_detector.rates import DetectorRates
-from ertis_detector.tracker import MAX_FOLLOWED, Tracker, TrackerSettings
+from ertis_detector.tracker import MAX_FOLLOWED, MAX_TAKEN, Tracker, TrackerSettings
 
 PERIOD_NS = 150_000_000
 COVARIANCE = ((36e-6, 0.0, 0.0), (0.0, 1.5e-4, 0.0), (0.0, 0.0, 1.2e-3))
@@ -31,6 +31,7 @@ class Walk:
     def __init__(self, tracker, step=SIDEWAYS, *, odometry=True):
         self.tracker, self.step, self.odometry = tracker, step, odometry
         self.pose, self.ping = PlanarPose(0.0, 0.0, 0.0), 0
+        self.stepped = step  # since the ping before
 
     def see(self, x_m, y_m, **told):
         place = PlanarPose(x_m, y_m, 0.0).seen_from(self.pose)
@@ -42,13 +43,13 @@ class Walk:
         tracks = self.tracker.update(
             [self.see(x, y, **told) for x, y in things], self.ping * PERIOD_NS, self._motion()
         )
-        self.pose, self.ping = self.pose.then(self.step), self.ping + 1
+        self.pose, self.ping, self.stepped = self.pose.then(self.step), self.ping + 1, self.step
         return tracks
 
     def _motion(self):
         if not self.ping or not self.odometry:
             return None
-        return Motion.between(PlanarPose(0.0, 0.0, 0.0), self.step)
+        return Motion.between(PlanarPose(0.0, 0.0, 0.0), self.stepped)
 
 
 def announced(walk, *things, pings=8):
@@ -201,6 +202,18 @@ def test_what_left_the_field_of_view_is_kept_until_it_returns_or_is_forgotten():
     assert states(late) == [(1, "lost")]
 
 
+def test_what_is_too_near_to_be_heard_is_not_lost_for_its_silence():
+    walk = Walk(Tracker(GOOD), PlanarPose(0.0, 0.05, 0.0))
+    announced(walk, (0.95, 0.15), pings=12)
+    walk.step = PlanarPose(0.4, 0.0, 0.0)
+    walk.hear((0.95, 0.15))
+    walk.step = PlanarPose(0.0, 0.0, 0.0)
+    assert [walk.hear() for _ in range(30)] == [[]] * 30  # 4.5 s
+    walk.step = PlanarPose(-0.4, 0.0, 0.0)
+    walk.hear()
+    assert states(walk.hear((0.95, 0.15))) == [(1, "update")]
+
+
 def test_two_of_the_same_size_keep_their_numbers_in_any_order():
     walk = Walk(Tracker(GOOD), PlanarPose(0.06, 0.1, 0.0))
     left, right = (2.5, 0.5), (2.5, -0.1)
@@ -256,7 +269,17 @@ def test_a_flood_of_detections_stays_bounded():
     for ping in range(20):
         flood = [seen(*rng.uniform((0.7, -30), (4.5, 30))) for _ in range(100)]
         tracker.update(flood, ping * PERIOD_NS)
-        assert len(tracker._followed) <= MAX_FOLLOWED
+        assert len(tracker._followed) <= (MAX_FOLLOWED if ping else MAX_TAKEN)
+
+
+def test_what_was_announced_is_not_crowded_out_by_what_may_turn_out_to_be_nothing():
+    walk = Walk(Tracker(GOOD))
+    announced(walk, (2.0, 0.3))
+    tracks = [track for _ in range(4) for track in walk.hear()]  # silent, but not for long
+    for x_m in (3.0, 3.5):
+        tracks += walk.hear(*((x_m, 0.1 * y) for y in range(-8, 8)))
+    assert tracks == []
+    assert len(walk.tracker._followed) == MAX_FOLLOWED
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0])
