@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from ertis_daemon.acquisition import PingRequests
 from ertis_daemon.config import Config, RecordConfig
 from ertis_daemon.frame_queue import FrameQueue, HeardPing
 from ertis_daemon.pipeline import Heard
@@ -147,6 +148,11 @@ def test_six_timeouts_in_a_row_end_it_with_that_error():
     assert sonar.closed == 1
 
 
+def test_timeouts_before_and_after_an_unplug_are_not_in_a_row():
+    silent = [DeviceTimeout("silent")] * 5
+    assert make([0, *silent, PingLost("away"), *silent, 1]).run().timeouts == 10
+
+
 def test_a_lost_device_ends_it_after_what_was_heard():
     service = make([0, 1, DeviceLost("gone")])
     with pytest.raises(DeviceLost, match="gone"):
@@ -182,6 +188,23 @@ def test_pings_are_paced():
     service.run()
     times = parts(service)[0].times
     assert times[5] - times[0] >= 5 * 0.02 - 0.002
+
+
+def test_pings_after_one_that_took_long_keep_their_pace():
+    class Stalling(ListSonar):
+        def ping(self, *, active=True):
+            time.sleep(0.0 if self.times else 0.3)
+            return super().ping(active=active)
+
+    sonar = Stalling(range(6))
+    Service(sonar, OneTrack(), ListPublisher(), Config(ping_rate_hz=25.0)).run()
+    assert sonar.times[5] - sonar.times[0] >= 3 * 0.04 - 0.002  # the one that was due comes at once
+
+
+def test_no_more_than_a_hundred_pings_on_command_wait():
+    requests = PingRequests()
+    assert [requests.ask(count) for count in (80, 80, 1)] == [80, 100, 100]
+    assert sum(requests.take(0.0) for _ in range(150)) == 100
 
 
 def test_a_stop_ends_it_promptly_and_closes_both():
@@ -324,3 +347,17 @@ def test_a_new_landmark_starts_a_recording_and_a_known_one_does_not(tmp_path):
     (path,) = tmp_path.iterdir()
     assert path.name.endswith("-new.mcap")
     assert {0, 1, 2} <= {ping.frame.ping_index for ping in read_recording(path)}
+
+
+def test_a_recording_that_has_no_place_to_go_is_counted_and_costs_no_event(tmp_path, caplog):
+    (tmp_path / "rec").write_text("a file")
+    config = Config(record=RecordConfig(folder=str(tmp_path / "rec"), on=("new",)))
+    status = Status()
+    recorder = Recorder(config.record, "s", status, keeps_ring=True)
+    recorder.begin(RecordingInfo(source="sim", chirp=DEFAULT_CHIRP, num_words=WORDS.size))
+    publisher = ListPublisher()
+    Service(
+        ListSonar(range(3)), OneTrack(), publisher, config, status=status, recorder=recorder
+    ).run()
+    assert (status.events, status.pings_failed, status.recordings_failed) == (3, 0, 3)
+    assert "nothing recorded: cannot make" in caplog.text
