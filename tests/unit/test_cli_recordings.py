@@ -68,6 +68,12 @@ def test_detect_takes_the_air_of_each_ping(tmp_path, capsys):
         assert line["landmarks"][0]["state"] == "new"  # every ping by itself
 
 
+@pytest.mark.parametrize("wrong", ["7", "-0.1", "nan"])
+def test_a_probability_that_is_none_is_one_clear_line(recording, wrong, capsys):
+    assert main(["detect", str(recording), f"--min-probability={wrong}"]) == 1
+    assert f"--min-probability {wrong}, expected 0 to 1" in capsys.readouterr().err
+
+
 def test_a_simulated_recording_says_so_and_holds_its_truth(recording):
     opened = open_recording(recording)
     assert opened.info.source == "sim"

@@ -46,8 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Detect in every ping by itself and print what was found."""
     from ertis_driver.device import Settings
+    from ertis_driver.errors import SettingsError
     from ertis_driver.recording import open_recording
 
+    if not 0 <= args.min_probability <= 1:
+        raise SettingsError(f"--min-probability {args.min_probability:g}, expected 0 to 1")
     recording = open_recording(args.file)
     chirp = _chirp(args, recording)
     look = _Look(args, Settings(chirp, recording.info.num_words), recording)
