@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 
 from ertis_daemon.config import RecordConfig
 from ertis_daemon.recording.folder import NoRoom, RecordingFolder, state_folder
-from ertis_daemon.recording.recorder import MAX_SAVED, Recorder
+from ertis_daemon.recording.recorder import LONGEST_S, MAX_SAVED, SPARE_FRAMES, Recorder
 from ertis_daemon.recording.ring import FrameRing
 from ertis_daemon.status import Status
 from ertis_driver.chirp import DEFAULT_CHIRP
@@ -122,6 +122,28 @@ def test_a_second_trigger_prolongs_the_recording_under_way(make):
     recorder.heard(frame(1))
     wait_for(lambda: recorder._status.recordings == 1)
     assert indices(path) == [0, 1]
+
+
+def test_frames_that_the_disk_does_not_take_are_counted_and_not_hoarded(make, caplog):
+    caplog.set_level("WARNING")
+    recorder = make(before_s=5.0, after_s=60.0)
+    recorder.heard(frame(0))
+    with recorder._changed:  # nothing is taken meanwhile
+        path = recorder.trigger("new")
+        for index in range(1, 100):
+            recorder.heard(frame(index))
+    recorder.close()
+    assert indices(path) == list(range(1 + SPARE_FRAMES))
+    assert f"misses {99 - SPARE_FRAMES} pings" in caplog.text
+
+
+def test_no_number_of_triggers_prolongs_a_recording_for_ever(make):
+    recorder = make(before_s=5.0, after_s=60.0)
+    recorder.heard(frame(0))
+    recorder.trigger("new")
+    for _ in range(3):
+        recorder.trigger("lost", after_s=LONGEST_S)
+    assert recorder._now.ends_s == recorder._now.began_s + LONGEST_S
 
 
 def test_no_ring_is_kept_for_a_recorder_that_nothing_triggers(make):

@@ -68,6 +68,7 @@ def test_one_that_never_ends_its_ping_loses_the_air_and_disturbs_nobody_afterwar
     other = Pinger(turns, 1)
     other.start()
     other.join()
+    assert hanging.is_alive(), "nobody waited for it to let go"
     assert other.pings[0][0] >= start + LISTENING_S + PATIENCE_S - 0.06
     with turns.turn(LISTENING_S, never):
         let_go.set()  # its late end must not free the air that is ours now

@@ -220,8 +220,8 @@ class Recorder(Closing):
             except (RecordingError, NoRoom) as error:
                 self._failed(error)
             except Exception:
-                self._status.recordings_failed += 1
                 log.exception("nothing recorded: %s", recording.path)
+                self._status.recordings_failed += 1
             with self._changed:
                 self._waiting.popleft()
                 if self._now is recording:
