@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from ertis_daemon.acquisition import Acquisition, Pace
 from ertis_daemon.config import SonarConfig
 from ertis_daemon.event_of import event_of
+from ertis_daemon.events import LandmarkEvent
 from ertis_daemon.frame_queue import FrameQueue, HeardPing
 from ertis_daemon.microphones import MicrophoneWatch
 from ertis_daemon.pipeline import Heard, Pipeline
@@ -168,6 +169,7 @@ class Service:
                 event = event_of(frame, heard.tracks, self._config, source=source, model=model)
             if event is not None:
                 self._publisher.publish(event)
+                published_s = time.monotonic()
         except Exception as error:  # noqa: BLE001  # told, and counted, there
             self._failed(frame, error)
             return
@@ -179,9 +181,17 @@ class Service:
             self.status.events += 1
             if self._recorder is not None and self._recorder.wants_events:
                 self._recorder.published(event.to_json(), frame.ping_time_ns)
-            self.status.latencies_ms.append(1000.0 * (time.monotonic() - ping.arrived_s))
-            log.debug("ping %d: %d landmarks", frame.ping_index, len(event.landmarks))
+            self._late(event, 1000.0 * (published_s - ping.arrived_s))
         self._afterwards(frame, heard)
+
+    def _late(self, event: LandmarkEvent, latency_ms: float) -> None:
+        self.status.latencies_ms.append(latency_ms)
+        log.debug(
+            "ping %d: %d landmarks, %.1f ms after its last byte",
+            event.ping_index,
+            len(event.landmarks),
+            latency_ms,
+        )
 
     def _afterwards(self, frame: PdmFrame, heard: Heard) -> None:
         """What can wait until the event is out."""

@@ -1,4 +1,4 @@
-"""What a soak run says: slopes, percentiles, a picture."""
+"""What a soak run says: a table of figures and targets, slopes, a picture."""
 
 from __future__ import annotations
 
@@ -7,6 +7,63 @@ from pathlib import Path
 import numpy as np
 
 WARM_UP = 0.2  # of the run: caches fill
+LATENCY_MS, CORE, RSS_MB, READY_S = 36.0, 0.40, 120.0, 2.0  # what is asked for
+ROW = "{:44} {:>34}  {}"
+
+
+def summarize(about: dict, samples: list[dict]) -> str:
+    """The run as a table."""
+    told = [one for one in samples if "pings_heard" in one]
+    if len(told) < 3:
+        return "the daemon said nothing"
+    first, last = told[0], told[-1]
+    published, reader, trigger = _latencies(told)
+    pings = last["pings_heard"] - first["pings_heard"]
+    took_s = last["t_s"] - first["t_s"]
+    user_s, system_s, busy_s = (last[k] - first[k] for k in ("user_s", "system_s", "busy_s"))
+    core = (user_s + system_s) / took_s
+    floor = about["floor"]
+    lines = [
+        f"{last['pings_heard']} pings in {last['t_s']:.0f} s ({pings / took_s:.1f} a second), "
+        f"{last['events']} events of which {len(reader)} reached the reader; lost "
+        f"{last['pings_lost']}, dropped {last['queue_drops']}, failed {last['pings_failed']}, "
+        f"timeouts {last['timeouts']}",
+        f"all processes of the machine together: {busy_s / took_s:.2f} cores in the mean",
+        ROW.format("", "seen", "asked"),
+        ROW.format("last byte to publication, ms", percentiles(published), ""),
+        ROW.format("last byte to reader, ms", percentiles(reader), f"p99 <= {LATENCY_MS:g}"),
+        ROW.format("trigger to reader, ms", percentiles(trigger), ""),
+        ROW.format(
+            f"last byte to reader within {LATENCY_MS:g} ms",
+            f"{100 * np.mean(reader <= LATENCY_MS):.2f} %",
+            "",
+        ),
+        ROW.format(
+            "processor, of a core",
+            f"{core:.2f} ({1e3 * user_s / pings:.1f} user + {1e3 * system_s / pings:.1f} system ms "
+            "a ping)",
+            f"<= {CORE:g}" if about["rate_hz"] else "",
+        ),
+        ROW.format(
+            "  a bare reader of the same bytes, ms a ping",
+            f"{floor['user_ms']:.1f} user + {floor['system_ms']:.1f} system",
+            "",
+        ),
+        ROW.format("memory, MB", f"{max(o['rss_mb'] for o in told):.1f} at most", f"<= {RSS_MB:g}"),
+        ROW.format("start to READY, s", f"{about['ready_s']:.2f}", f"<= {READY_S:g}"),
+    ]
+    heard = np.array([one["pings_heard"] for one in told], float)
+    for key, unit in (("rss_mb", " MB"), ("threads", ""), ("fds", "")):
+        values = np.array([one[key] for one in told], float)
+        rate, error = slope(heard, values)
+        lines.append(
+            ROW.format(
+                f"{key}: {values[0]:.1f} at first, {values[-1]:.1f} at last",
+                f"{1e5 * rate:+.3f} +- {1e5 * error:.3f}{unit} per 100000 pings",
+                "no growth",
+            )
+        )
+    return "\n".join(lines)
 
 
 def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -15,74 +72,75 @@ def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     x, y = x[start:], y[start:]
     if len(x) < 3 or np.ptp(x) == 0:
         return float("nan"), float("nan")
-    (rate, _level), (spread,), *_ = (*np.polyfit(x, y, 1, full=True)[:2], None)
-    if np.size(spread) == 0:
-        return float(rate), 0.0
+    (rate, level), spread = np.polyfit(x, y, 1), 0.0
+    spread = float(np.sum((y - rate * x - level) ** 2))
     error = np.sqrt(spread / (len(x) - 2) / np.sum((x - x.mean()) ** 2))
     return float(rate), float(error)
 
 
-def percentiles(values: list[float]) -> str:
+def percentiles(values: np.ndarray) -> str:
     """Median, 90, 99, 99.9 % and greatest."""
-    if not values:
+    if not len(values):
         return "none"
     p = np.percentile(values, [50, 90, 99, 99.9, 100])
     names = ("p50", "p90", "p99", "p99.9", "max")
-    return "  ".join(f"{name} {value:.1f}" for name, value in zip(names, p, strict=True))
+    return " ".join(f"{name} {value:.1f}" for name, value in zip(names, p, strict=True))
 
 
-def summarize(
-    samples: list[dict], latencies_ms: list[float], transits_ms: list[float], ready_s: float
-) -> str:
-    """The run in a few lines."""
-    told = [one for one in samples if "pings_heard" in one]
-    if len(told) < 2:
-        return "the daemon said nothing"
-    first, last = told[0], told[-1]
-    pings = np.array([one["pings_heard"] for one in told], float)
-    took_s = last["t_s"] - first["t_s"]
-    cpu_s = last["cpu_s"] - first["cpu_s"]
-    lines = [
-        f"{last['pings_heard']} pings in {last['t_s']:.0f} s, {last['events']} events; lost "
-        f"{last['pings_lost']}, dropped {last['queue_drops']}, failed {last['pings_failed']}, "
-        f"timeouts {last['timeouts']}",
-        f"start to READY {ready_s:.2f} s, processor {cpu_s / took_s:.2f} of a core, "
-        f"{1e3 * cpu_s / (pings[-1] - pings[0]):.1f} ms a ping",
-    ]
-    for key, unit in (("rss_mb", "MB"), ("threads", ""), ("fds", "")):
-        values = np.array([one[key] for one in told], float)
-        rate, error = slope(pings, values)
-        lines.append(
-            f"{key}: {values[0]:.1f} at first, {values[-1]:.1f} {unit} at last; slope "
-            f"{1e5 * rate:+.3f} +- {1e5 * error:.3f} {unit} per 100000 pings"
-        )
-    daemon = [one["latency_p99_ms"] for one in told if one.get("latency_p99_ms")]
-    medians = [one["latency_median_ms"] for one in told if one.get("latency_median_ms")]
-    lines += [
-        f"last byte to publication, ms: median {np.median(medians):.1f}, p99 of 256 events: median "
-        f"{np.median(daemon):.1f}, worst {max(daemon):.1f}",
-        f"publication to reader, ms: {percentiles(transits_ms)}",
-        f"trigger to reader, ms: {percentiles(latencies_ms)}",
-    ]
-    return "\n".join(lines)
-
-
-def draw(samples: list[dict], latencies_ms: list[float], path: Path) -> None:
-    """Memory, threads, descriptors and latency over the run."""
+def draw(about: dict, samples: list[dict], path: Path) -> None:
+    """Latency over time and as a histogram, processor, memory, threads and descriptors."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
     told = [one for one in samples if "pings_heard" in one]
-    pings = [one["pings_heard"] for one in told]
-    figure, axes = plt.subplots(4, 1, figsize=(8, 9), sharex=False, layout="constrained")
-    for axis, key, unit in zip(axes, ("rss_mb", "threads", "fds"), ("MB", "", ""), strict=False):
-        axis.plot(pings, [one[key] for one in told])
-        axis.set_ylim(0, 1.2 * max(one[key] for one in told))
-        axis.set_ylabel(f"{key.removesuffix('_mb')} {unit}")
-        axis.set_xlabel("pings")
-    axes[3].hist(latencies_ms, bins=200, log=True)
-    axes[3].set_xlabel("trigger to reader, ms")
-    axes[3].set_ylabel("events")
-    figure.savefig(path, dpi=120)
+    if len(told) < 3:
+        return
+    figure, axes = plt.subplots(3, 2, figsize=(11, 9), layout="constrained")
+    minutes = np.array([one["t_s"] for one in told]) / 60
+    _, reader, _ = _latencies(told)
+    _draw_latencies(axes[0, 0], told)
+    _draw_histogram(axes[0, 1], reader)
+    cpu = np.array([one["user_s"] + one["system_s"] for one in told])
+    axes[1, 0].plot(minutes[1:], np.diff(cpu) / np.diff(60 * minutes), lw=0.8)
+    if about["rate_hz"]:
+        axes[1, 0].axhline(CORE, color="tab:red", ls="--", lw=1)
+    axes[1, 0].set(xlabel="minutes", ylabel="processor, of a core", ylim=(0, None))
+    axes[1, 1].plot(minutes, [one["rss_mb"] for one in told])
+    axes[1, 1].axhline(RSS_MB, color="tab:red", ls="--", lw=1)
+    axes[1, 1].set(xlabel="minutes", ylabel="memory (RSS), MB", ylim=(0, 1.1 * RSS_MB))
+    for axis, key, name in zip(
+        axes[2], ("threads", "fds"), ("threads", "file descriptors"), strict=True
+    ):
+        axis.plot([one["pings_heard"] for one in told], [one[key] for one in told])
+        axis.set(xlabel="pings", ylabel=name, ylim=(0, 1.2 * max(one[key] for one in told)))
+    figure.suptitle(f"{told[-1]['pings_heard']} pings of an emulated sonar on a pty")
+    figure.savefig(path, dpi=110)
+
+
+def _draw_latencies(axis, told: list[dict]) -> None:
+    """Each second's median and greatest."""
+    some = [one for one in told if one["heard"]]
+    minutes = [one["t_s"] / 60 for one in some]
+    each = [[ms for _, ms, _ in one["heard"]] for one in some]
+    axis.plot(minutes, [max(ms) for ms in each], ".", ms=2, label="greatest of each second")
+    axis.plot(minutes, [np.median(ms) for ms in each], lw=0.8, label="median of each second")
+    axis.axhline(LATENCY_MS, color="tab:red", ls="--", lw=1, label="p99 asked for")
+    axis.set(xlabel="minutes", ylabel="last byte to reader, ms", yscale="log")
+    axis.legend(fontsize="small")
+
+
+def _draw_histogram(axis, latencies_ms: np.ndarray) -> None:
+    if len(latencies_ms):
+        least, most = max(latencies_ms.min(), 0.1), latencies_ms.max()
+        axis.hist(latencies_ms, bins=np.geomspace(0.95 * least, 1.05 * most, 150), log=True)
+        axis.axvline(np.percentile(latencies_ms, 99), color="k", lw=1, label="p99")
+    axis.axvline(LATENCY_MS, color="tab:red", ls="--", lw=1, label="p99 asked for")
+    axis.set(xlabel="last byte to reader, ms", ylabel="events", xscale="log")
+    axis.legend(fontsize="small")
+
+
+def _latencies(told: list[dict]) -> np.ndarray:
+    """Shape (3, num_events), ms: last byte to publication and to reader, trigger to reader."""
+    return np.array([row for one in told for row in one["heard"]], float).reshape(-1, 3).T
