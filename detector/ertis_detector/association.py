@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ertis_detector.motion import Float
 
 
@@ -31,8 +29,7 @@ def assign(scores: Float) -> list[tuple[int, int]]:
     if num_rows > num_columns:  # work goes with the square of the rows
         return [(row, column) for column, row in assign(scores.T)]
     # A column of its own for each row, where it stays alone at no cost.
-    cost = np.zeros((num_rows, num_columns + num_rows))
-    cost[:, :num_columns] = -np.maximum(scores, 0.0)
+    cost = [[-max(score, 0.0) for score in row] + [0.0] * num_rows for row in scores.tolist()]
     taken = _rows_of_columns(cost)
     return [
         (row, column)
@@ -41,34 +38,43 @@ def assign(scores: Float) -> list[tuple[int, int]]:
     ]
 
 
-def _rows_of_columns(cost: Float) -> list[int | None]:
-    """The row that each column gets at the least total cost; no fewer columns than rows."""
-    num_rows, num_columns = cost.shape
-    of_row, of_column = np.zeros(num_rows), np.zeros(num_columns)
+def _rows_of_columns(cost: list[list[float]]) -> list[int | None]:
+    """The row that each column gets at the least total cost; no fewer columns than rows.
+
+    In plain numbers: for so few of them arrays would take longer.
+    """
+    num_rows, num_columns = len(cost), len(cost[0])
+    of_row, of_column = [0.0] * num_rows, [0.0] * num_columns
     taken: list[int | None] = [None] * num_columns
     for start in range(num_rows):
-        reduced = np.full(num_columns, math.inf)
-        come_from = np.full(num_columns, -1)
-        done = np.zeros(num_columns, bool)
+        reduced, come_from = [math.inf] * num_columns, [-1] * num_columns
+        left = list(range(num_columns))  # columns that the tree has not reached
+        reached: list[int] = []
         path = [start]  # rows of the alternating tree
         row, last = start, -1
         while True:
-            slack = cost[row] - of_row[row] - of_column
-            better = ~done & (slack < reduced)
-            reduced[better], come_from[better] = slack[better], last
-            column = int(np.where(done, math.inf, reduced).argmin())
-            step = reduced[column]
-            of_row[path] += step
-            of_column[done] -= step
-            reduced[~done] -= step
-            done[column] = True
-            last, owner = column, taken[column]
+            costs, level = cost[row], of_row[row]
+            for column in left:
+                slack = costs[column] - level - of_column[column]
+                if slack < reduced[column]:
+                    reduced[column], come_from[column] = slack, last
+            nearest = min(left, key=reduced.__getitem__)
+            step = reduced[nearest]
+            for one in path:
+                of_row[one] += step
+            for column in reached:
+                of_column[column] -= step
+            for column in left:
+                reduced[column] -= step
+            left.remove(nearest)
+            reached.append(nearest)
+            last, owner = nearest, taken[nearest]
             if owner is None:
                 break
             row = owner
             path.append(row)
         while last >= 0:
-            before = int(come_from[last])
+            before = come_from[last]
             taken[last] = start if before < 0 else taken[before]
             last = before
     return taken

@@ -45,13 +45,19 @@ class Evidence:
         sizes = max(int(self._is_size.sum()), 1)
         share = np.where(self._is_size, rates.precision / sizes, (1.0 - rates.precision) / 2)
         self._log_prior = np.log(share)
-        self._views = np.empty((0, 3))
-        self._said = np.empty((0, len(self._labels)))
-        self._counts = np.empty(0)
+        self._unlike_sizes = ~self._is_size
+        self._log_rest = _log_sum(self._log_prior[self._unlike_sizes])
+        # Rows of views, one more than stay; and how alike each two of them are.
+        self._num_views = 0
+        self._views = np.zeros((MAX_VIEWS + 1, 3))
+        self._said = np.zeros((MAX_VIEWS + 1, len(self._labels)))
+        self._counts = np.zeros(MAX_VIEWS + 1)
+        self._alike = np.zeros((MAX_VIEWS + 1, MAX_VIEWS + 1))
         self._of_first = 0.0
         self._alone = np.zeros(len(self._labels))
         self._repeats = 0.0
         self._total = np.zeros(len(self._labels))
+        self._shares = self._is_size / max(int(self._is_size.sum()), 1)
         self._existence = -math.inf
 
     @property
@@ -88,9 +94,9 @@ class Evidence:
         told = np.log([max(probabilities.get(label, 0.0), _FLOOR) for label in self._labels])
         said = told - self._log_prior
         # Against "no landmark" as a whole: none and unknown together.
-        said -= _log_sum(told[~self._is_size]) - _log_sum(self._log_prior[~self._is_size])
+        said -= _log_sum(told[self._unlike_sizes]) - self._log_rest
         again = math.log(detectable / self._rates.chance)
-        if self._counts.size == 0:
+        if self._num_views == 0:
             self._of_first = again
         else:
             self._repeat(math.log(detectable) + log_likeness_to_chance)
@@ -105,8 +111,8 @@ class Evidence:
 
     def size_share(self) -> dict[str, float]:
         """Probability of each size, given that it is a landmark."""
-        shares = zip(self._labels, self._shares(), self._is_size, strict=True)
-        return {label: float(share) for label, share, is_size in shares if is_size}
+        shares = zip(self._labels, self._shares.tolist(), self._is_size, strict=True)
+        return {label: share for label, share, is_size in shares if is_size}
 
     def probabilities(self) -> dict[str, float]:
         """Of every class, ``none`` and ``unknown`` included; they sum to 1."""
@@ -114,30 +120,35 @@ class Evidence:
         odds = math.log(precision / (1.0 - precision)) + self.existence
         is_landmark = 1.0 / (1.0 + math.exp(-min(max(odds, -700.0), 700.0)))
         rest = np.where(self._is_size, -math.inf, self._log_prior + self._total)
-        other = np.exp(rest - _log_sum(rest[~self._is_size]))
-        whole = is_landmark * self._shares() + (1.0 - is_landmark) * other
+        other = np.exp(rest - _log_sum(rest[self._unlike_sizes]))
+        whole = is_landmark * self._shares + (1.0 - is_landmark) * other
         return {label: float(p) for label, p in zip(self._labels, whole, strict=True)}
-
-    def _shares(self) -> Float:
-        sizes = np.where(self._is_size, self._total, -math.inf)
-        share = np.exp(sizes - sizes.max()) * self._is_size
-        return np.asarray(share / share.sum())
 
     def _repeat(self, nats: float) -> None:
         self._repeats = min(max(self._repeats + nats, _MIN_REPEATS), _MAX_REPEATS)
 
     def _add(self, view: Float, said: Float) -> None:
-        self._views = np.vstack([self._views, view])
-        self._said = np.vstack([self._said, said])
-        self._counts = np.append(self._counts, 1.0)
-        if self._counts.size > MAX_VIEWS:
+        n = self._num_views
+        self._num_views = n + 1
+        self._views[n], self._said[n], self._counts[n] = view, said, 1.0
+        self._compare(n)
+        if self._num_views > MAX_VIEWS:
             self._join_nearest()
-        self._total = self._weights() @ self._said
+        self._total = self._weights() @ self._said[: self._num_views]
         sizes = self._is_size
         if sizes.any():
             thing = _log_sum(self._total[sizes]) - self._of_first
             chance = _log_sum(self._alone[sizes]) + self._repeats
             self._existence = min(thing, chance) - math.log(sizes.sum())
+            share = np.exp(self._total - self._total[sizes].max()) * sizes
+            self._shares = share / share.sum()
+
+    def _compare(self, row: int) -> None:
+        """See anew how alike a view is to the others; to itself, less than to any of them."""
+        n = self._num_views
+        alike = likeness(self._views[:n], self._views[row], CLASS_LENGTHS)
+        self._alike[row, :n] = self._alike[:n, row] = alike
+        self._alike[row, row] = -1.0
 
     def _weights(self) -> Float:
         """How much each view counts: C^-1 1, C the correlation of what they say.
@@ -145,24 +156,29 @@ class Evidence:
         For jointly Gaussian log-likelihood ratios of one variance that is their exact sum: two
         equal views count half each, two independent ones count fully.
         """
-        alike = likeness(self._views[:, None], self._views[None, :], CLASS_LENGTHS)
-        shared = (1.0 - NOISE_PART) * (PERSISTENT_PART + (1.0 - PERSISTENT_PART) * alike)
-        shared[np.diag_indices_from(shared)] += NOISE_PART / self._counts
-        return np.asarray(np.linalg.solve(shared, np.ones(len(shared))))
+        n = self._num_views
+        persistent = (1.0 - NOISE_PART) * PERSISTENT_PART
+        shared = persistent + (1.0 - NOISE_PART - persistent) * self._alike[:n, :n]
+        shared.flat[:: n + 1] = (1.0 - NOISE_PART) + NOISE_PART / self._counts[:n]
+        return np.asarray(np.linalg.solve(shared, np.ones(n)))
 
     def _join_nearest(self) -> None:
         """Make one of the two views that are most alike: nothing is forgotten, only blurred."""
-        alike = likeness(self._views[:, None], self._views[None, :], CLASS_LENGTHS)
-        np.fill_diagonal(alike, -1.0)
-        a, b = np.unravel_index(int(alike.argmax()), alike.shape)
+        a, b = divmod(int(self._alike.argmax()), MAX_VIEWS + 1)
         part = self._counts[b] / (self._counts[a] + self._counts[b])
         self._views[a] += part * (self._views[b] - self._views[a])
         self._said[a] += part * (self._said[b] - self._said[a])
         self._counts[a] += self._counts[b]
-        self._views, self._said = np.delete(self._views, b, 0), np.delete(self._said, b, 0)
-        self._counts = np.delete(self._counts, b)
+        for rows in (self._views, self._said, self._counts, self._alike, self._alike.T):
+            rows[b:-1] = rows[b + 1 :]
+        self._num_views -= 1
+        self._counts[self._num_views] = 0.0
+        self._compare(a)
 
 
 def _log_sum(values: Float) -> float:
-    top = float(values.max())
-    return top + math.log(float(np.exp(values - top).sum())) if math.isfinite(top) else top
+    terms = values.tolist()
+    top: float = max(terms)
+    if not math.isfinite(top):
+        return top
+    return top + math.log(sum(math.exp(term - top) for term in terms))

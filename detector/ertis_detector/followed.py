@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ertis_detector.detection import Detection
 from ertis_detector.evidence import Evidence
-from ertis_detector.motion import Motion
+from ertis_detector.motion import Float, Motion
 from ertis_detector.place import GATE, Measured, Place
 from ertis_detector.rates import DetectorRates
 from ertis_detector.views import View
@@ -37,6 +35,7 @@ class Followed:
         self._latest = detection
         self.place = Place(Measured(detection))
         self._latest_place = self.place.seen
+        self._reported: tuple[Detection | None, Float | None, float] = None, None, 0.0
         self._view = View(detection.range_m, detection.azimuth_rad)
         self.evidence = Evidence(rates, tuple(detection.probabilities))
         self.evidence.heard(
@@ -62,9 +61,10 @@ class Followed:
         paid = math.log(reported) - math.log(1.0 - reported)
         return log_density - math.log(density) + paid + self._same_size(detection)
 
-    def hear(self, detection: Detection, time_ns: int, field: FieldOfView) -> None:
+    def hear(
+        self, detection: Detection, measured: Measured, time_ns: int, field: FieldOfView
+    ) -> None:
         """Take a detection in."""
-        measured = Measured(detection)
         _, log_density = self.place.surprise(measured)
         by_chance = math.log(self._rates.false_alarms_per_ping / field.volume)
         reported = self._detectable()
@@ -97,20 +97,24 @@ class Followed:
             range_m,
             azimuth,
             elevation,
-            tuple((float(a), float(b), float(c)) for a, b, c in covariance),
+            tuple((a, b, c) for a, b, c in covariance.tolist()),
             self._latest.snr_db,
             self._latest.tilt_rad,
         )
 
     def _detectable(self) -> float:
-        change_db = level_change_db(self._latest_place, self.place.seen)
-        reported = detectable(self._rates, self._latest.snr_db + change_db)
-        # What clutter would be reported as often as would prove nothing.
-        return max(reported, self._rates.chance)
+        known, at, value = self._reported
+        if known is not self._latest or at is not self.place.seen:  # asked for by each detection
+            change_db = level_change_db(self._latest_place, self.place.seen)
+            value = detectable(self._rates, self._latest.snr_db + change_db)
+            # What clutter would be reported as often as would prove nothing.
+            value = max(value, self._rates.chance)
+            self._reported = self._latest, self.place.seen, value
+        return value
 
     def _same_size(self, detection: Detection) -> float:
         """How much likelier its sizes are if it is this thing than if it is any."""
         own, told = self.evidence.size_share(), detection.probabilities
-        heard = np.array([told.get(label, 0.0) for label in own])
-        alike = heard @ np.array(list(own.values())) * heard.size / max(heard.sum(), 1e-9)
-        return math.log(max(float(alike), _LEAST_LIKENESS))
+        heard = [told.get(label, 0.0) for label in own]
+        both = sum(one * share for one, share in zip(heard, own.values(), strict=True))
+        return math.log(max(both * len(own) / max(sum(heard), 1e-9), _LEAST_LIKENESS))

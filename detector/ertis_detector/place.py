@@ -20,19 +20,31 @@ from ertis_detector.views import PLACE_LENGTHS, likeness
 STAYING_SHARE, NOISE_SHARE = 0.25, 0.10  # of a detection's variance; assumed
 _MOVING_SHARE = 1.0 - STAYING_SHARE - NOISE_SHARE
 # Below it a covariance is not believed: a tenth of the spacing of samples, of a beam's step.
-_LEAST_SIGMA = np.array([1e-3, 2e-3, 4e-3])
+_LEAST_NOISE = np.diag(np.square([1e-3, 2e-3, 4e-3]))
 _LEAST_ACROSS_M = 1e-3
+_EYE_3, _EYE_6 = np.eye(3), np.eye(6)
 GATE = 16.27  # 99.9 % of a landmark's own detections (chi-squared, 3 degrees of freedom)
 
 
 class Measured:
-    """A detection as the filter sees it: its place, the covariance, and that one's root."""
+    """A detection as the filter sees it.
+
+    Attributes
+    ----------
+    seen : float64, shape (3,)
+        Range, azimuth and elevation, m and rad.
+    noise, root : float64, shape (3, 3)
+        Their covariance, and its lower root.
+    told : float64, shape (3, 6)
+        What of a ``Place``'s state it tells.
+    """
 
     def __init__(self, detection: Detection) -> None:
         covariance = np.array(detection.covariance, float)
         self.seen = np.array([detection.range_m, detection.azimuth_rad, detection.elevation_rad])
-        self.noise = (covariance + covariance.T) / 2 + np.diag(_LEAST_SIGMA**2)
-        self.root = np.linalg.cholesky(self.noise)
+        self.noise = (covariance + covariance.T) / 2 + _LEAST_NOISE
+        self.root = _lower(_root(self.noise))
+        self.told = np.concatenate([_EYE_3, math.sqrt(_MOVING_SHARE) * self.root], axis=1)
 
 
 class Place:
@@ -88,13 +100,15 @@ class Place:
             view = np.array([side_rad, change[0], change[1]])
             alike = float(likeness(view, np.zeros(3), PLACE_LENGTHS))
         slopes = _slopes(moved)
-        whole = np.diag([1.0, 1.0, 1.0, alike, alike, alike])
-        whole[:3, :3] = slopes @ turn @ np.linalg.inv(_slopes(point))
+        by_place = slopes @ turn @ _slopes_back(point)
         by_motion = slopes @ np.array([[-c, -s, moved[1]], [s, -c, -moved[0]], [0.0, 0.0, 0.0]])
         self._slow = alike * self._slow
-        self._covariance = whole @ self._covariance @ whole.T
-        self._covariance[:3, :3] += by_motion @ motion.covariance @ by_motion.T
-        self._covariance[3:, 3:] += (1.0 - alike**2) * np.eye(3)
+        p = self._covariance
+        p[:3, :3] = by_place @ p[:3, :3] @ by_place.T + by_motion @ motion.covariance @ by_motion.T
+        p[:3, 3:] = alike * (by_place @ p[:3, 3:])
+        p[3:, :3] = p[:3, 3:].T
+        if alike < 1.0:
+            p[3:, 3:] = alike**2 * p[3:, 3:] + (1.0 - alike**2) * _EYE_3
         return side_rad
 
     def is_near(self, measured: Measured) -> bool:
@@ -105,21 +119,24 @@ class Place:
     def surprise(self, measured: Measured) -> tuple[float, float]:
         """Squared Mahalanobis distance of a detection, and its log density, 1/(m rad2)."""
         gap, spread, _ = self._expect(measured)
-        root = np.linalg.cholesky(spread + STAYING_SHARE * measured.noise)
-        scaled = np.linalg.solve(root, gap)
-        squared = float(scaled @ scaled)
-        log_det = 2.0 * float(np.log(root.diagonal()).sum())
+        root = _root(spread + STAYING_SHARE * measured.noise)
+        (a, b, c, d, e, f), (x, y, z) = root, gap.tolist()
+        x /= a
+        y = (y - b * x) / c
+        z = (z - d * x - e * y) / f
+        squared = x * x + y * y + z * z
+        log_det = 2.0 * math.log(a * c * f)
         return squared, -0.5 * (squared + log_det + 3 * math.log(math.tau))
 
     def update(self, measured: Measured) -> None:
         """Take a detection of this landmark in."""
-        gap, spread, told = self._expect(measured)
-        gain = np.linalg.solve(spread, told @ self._covariance).T
+        gap, spread, shared = self._expect(measured)
+        gain = (_inverse(spread) @ shared).T
         change = gain @ gap
         self.seen = self.seen + change[:3]
         self.seen[1] = wrap(float(self.seen[1]))
         self._slow = self._slow + change[3:]
-        left = np.eye(6) - gain @ told
+        left = _EYE_6 - gain @ measured.told
         # Joseph's form: stays positive definite after a million pings.
         own = gain @ (NOISE_SHARE * measured.noise) @ gain.T
         joined = left @ self._covariance @ left.T + own
@@ -127,16 +144,15 @@ class Place:
         self._noise = measured.noise
 
     def _expect(self, measured: Measured) -> tuple[Float, Float, Float]:
-        """Innovation, its covariance but for the part that stays, and what of the state it tells.
+        """Innovation, its covariance but for the part that stays, and what it tells of the state.
 
-        The last of shape (3, 6).
+        The last of shape (3, 6): the detection's ``told``, times the state's covariance.
         """
-        slow = math.sqrt(_MOVING_SHARE) * measured.root
-        gap = measured.seen - self.seen - slow @ self._slow
+        told = measured.told
+        gap = measured.seen - self.seen - told[:, 3:] @ self._slow
         gap[1] = wrap(float(gap[1]))
-        told = np.concatenate([np.eye(3), slow], axis=1)
-        spread = told @ self._covariance @ told.T + NOISE_SHARE * measured.noise
-        return gap, np.asarray(spread), told
+        shared = told @ self._covariance
+        return gap, shared @ told.T + NOISE_SHARE * measured.noise, shared
 
 
 def _cartesian(seen: Float) -> Float:
@@ -165,3 +181,56 @@ def _slopes(point: Float) -> Float:
             [-x * z / (r**2 * across), -y * z / (r**2 * across), across / r**2],
         ]
     )
+
+
+def _slopes_back(point: Float) -> Float:
+    """Derivatives of x, y and z by range, azimuth and elevation: the inverse of ``_slopes``."""
+    x, y, z = point
+    across = max(math.hypot(x, y), _LEAST_ACROSS_M)
+    r = math.hypot(across, z)
+    return np.array(
+        [[x / r, -y, -x * z / across], [y / r, x, -y * z / across], [z / r, 0.0, across]]
+    )
+
+
+# For matrices this small a call to LAPACK takes ten times as long as the arithmetic.
+
+
+def _root(matrix: Float) -> tuple[float, float, float, float, float, float]:
+    """Lower Cholesky root of a symmetric 3 x 3 matrix, row by row, without what is 0.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If it is not positive definite.
+    """
+    (xx, _, _), (xy, yy, _), (xz, yz, zz) = matrix.tolist()
+    try:
+        a = math.sqrt(xx)
+        b, d = xy / a, xz / a
+        c = math.sqrt(yy - b * b)
+        e = (yz - d * b) / c
+        f = math.sqrt(zz - d * d - e * e)
+    except (ValueError, ZeroDivisionError):
+        f = 0.0
+    if f == 0.0:
+        raise np.linalg.LinAlgError(f"covariance {matrix.tolist()} is not positive definite")
+    return a, b, c, d, e, f
+
+
+def _lower(root: tuple[float, float, float, float, float, float]) -> Float:
+    a, b, c, d, e, f = root
+    return np.array([[a, 0.0, 0.0], [b, c, 0.0], [d, e, f]])
+
+
+def _inverse(matrix: Float) -> Float:
+    """Of a symmetric positive definite 3 x 3 matrix, by its root."""
+    a, b, c, d, e, f = _root(matrix)
+    back = np.array(
+        [
+            [1.0 / a, 0.0, 0.0],
+            [-b / (a * c), 1.0 / c, 0.0],
+            [(b * e - c * d) / (a * c * f), -e / (c * f), 1.0 / f],
+        ]
+    )
+    return np.asarray(back.T @ back)

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -177,7 +178,7 @@ class Tracker:
         pairs = assign(worth.reshape(len(followed), len(detections)))
         heard, taken = [], set()
         for row, column in pairs:
-            followed[row].hear(detections[column], now_ns, self._field)
+            followed[row].hear(*measured[column], now_ns, self._field)
             heard.append(followed[row])
             taken.add(column)
         for row in set(range(len(followed))) - {row for row, _ in pairs}:
@@ -239,8 +240,5 @@ def _lose(one: Followed) -> list[Track]:
 
 def _is_finite(detection: Detection) -> bool:
     place = detection.range_m, detection.azimuth_rad, detection.elevation_rad
-    return bool(
-        np.isfinite([*place, detection.snr_db]).all()
-        and np.isfinite(detection.covariance).all()
-        and detection.range_m > 0
-    )
+    numbers = (*place, detection.snr_db, *chain.from_iterable(detection.covariance))
+    return all(map(math.isfinite, numbers)) and detection.range_m > 0

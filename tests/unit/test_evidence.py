@@ -105,7 +105,7 @@ def test_views_are_bounded_and_no_evidence_is_forgotten():
     against = dict(zip(LABELS, (0.1, 0.1, 0.05, 0.05, 0.5, 0.2), strict=True))
     for n in range(200):
         evidence.heard(view(100.0 + n), against, PD, 10.0)
-    assert len(evidence._views) == MAX_VIEWS
+    assert evidence._num_views == MAX_VIEWS
     assert evidence._counts.sum() == MAX_VIEWS + 200
     assert evidence.existence < before
 
