@@ -31,6 +31,7 @@ _SUBBANDS = np.linspace(-0.75, 0.75, 7)  # of the array's coherence, in halves o
 _COHERENCE_SAMPLES = 32  # of the baseband: 190 us, the rings
 NUM_SCALARS = 7
 NUM_FEATURES = NUM_SCALARS + NUM_BINS + _LAGS_S.size + _DELAYS_S.size + _SUBBANDS.size
+COHERENCE = slice(NUM_FEATURES - _SUBBANDS.size, NUM_FEATURES)  # the columns that tell it
 
 # Response of transducer and microphones together, dB, as published for the SensComp 7000 and
 # heard in a real ping; only its shape matters, and what is left of it every model learns.

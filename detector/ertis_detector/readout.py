@@ -2,19 +2,26 @@
 
 The peak of an echo is the two-bounce ring, (sqrt(2) - 1) R behind the vertex of a frontal dish,
 R = 1.1333 a; a turned dish's vertex comes nearer by R (1 - cos tilt), and all of its glints
-return along the line to the centre of its sphere, so its bearing is off by R sin(tilt) / range
-to a side that the echo does not tell. Linear corrections and the law of the errors are fitted.
+return along the line to the centre of its sphere, R in front of the vertex, so its bearing is off
+by R sin(tilt) over the centre's range, to a side that the echo does not tell. Linear corrections
+and the law of the errors are fitted.
+
+Elevation has a law of its own nearby: emitter and array stand some 5 cm apart, one above the other,
+and the ring's echo is a beam around the emitter, J0(k R sin(45 degrees) gap / range). Where its
+first null falls on the array (R / range about 0.07) the microphones beyond it hear the opposite
+phase, and the beam that sums them looks beside the echo. So variances are told over R / range.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ertis_detector.detection import radius_m
+from ertis_detector.features import COHERENCE
 
 Float32 = npt.NDArray[np.float32]
 Float = npt.NDArray[np.float64]
@@ -23,7 +30,13 @@ SPHERE_RADIUS = 1.1333  # in aperture radii: (a^2 + d^2) / (2 d a), d = 0.6 a
 RING_OFFSET = (np.sqrt(2) - 1) * SPHERE_RADIUS
 _MAX_TILT_RAD = np.deg2rad(60.0)
 _RIDGE = 100.0
-NUM_TERMS = 4
+_BLOCKS = 5  # of neighbouring echoes, as those of one scene are not independent
+_ROUNDS = 12  # of reweighting; the law has settled by then
+# R / range between which variances go straight; densest around the nulls.
+_SEEN = np.array([0.0, 0.03, 0.045, 0.06, 0.075, 0.09, 0.11, 0.13])
+_CENTRE_OFFSET = np.sqrt(2) * SPHERE_RADIUS  # from the ring's range to that of the sphere's centre
+NUM_TERMS = _SEEN.size + 4
+_LEAST_COHERENCE = 1 / 32  # noise has that much by chance
 _FLOORS = np.array([1e-3, 1e-3, 2e-3]) ** 2  # m2, rad2, rad2: no echo is better than that
 
 
@@ -35,8 +48,7 @@ class Readout:
     weights : float32, shape (num_features + 1 + num_sizes, 2)
         To the vertex's offset from where the ring puts it, m, and the tilt, rad.
     variances : float32, shape (3, NUM_TERMS)
-        Rows range, azimuth, elevation; what multiplies 1, (R sin(tilt) / range)^2, (R / range)^2
-        for the tilt is not known exactly, and the inverse of the signal-to-noise ratio.
+        Rows range, azimuth, elevation; what multiplies each of ``terms``.
     sizes : tuple of str
     """
 
@@ -65,7 +77,7 @@ class Readout:
         rows = design(features, labels, self.sizes, self.mean, self.scale)
         offset, tilt = (rows @ self.weights).astype(np.float64).T
         tilt = np.clip(tilt, 0.0, _MAX_TILT_RAD)
-        spread = terms(labels, tilt, range_m, snr_db) @ self.variances.T
+        spread = terms(features, labels, tilt, range_m, snr_db) @ self.variances.T
         return ring_to_vertex_m(labels, range_m) + offset, tilt, np.maximum(spread, _FLOORS)
 
 
@@ -84,11 +96,24 @@ def design(
     return np.concatenate([standard, ones, size.reshape(len(features), -1)], axis=1)
 
 
-def terms(labels: Sequence[str], tilt_rad: Float, range_m: Float, snr_db: Float) -> Float:
-    """What variances are made of, shape (n, NUM_TERMS)."""
-    seen = SPHERE_RADIUS * _radii_m(labels) / range_m
-    aside = seen * np.sin(tilt_rad)
-    return np.stack([np.ones_like(seen), aside**2, seen**2, 10 ** (-snr_db / 10)], axis=1)
+def terms(
+    features: Float32, labels: Sequence[str], tilt_rad: Float, range_m: Float, snr_db: Float
+) -> Float:
+    """What variances are made of, shape (n, NUM_TERMS).
+
+    How large the sphere is seen, R / range, as shares of the knots around it; the square of the
+    turn's offset of the bearing; the inverse of the signal-to-noise ratio; what in the echo's
+    own window comes from elsewhere, against the echo, and its square.
+    """
+    sphere_m = SPHERE_RADIUS * _radii_m(labels)
+    seen = np.clip(sphere_m / range_m, _SEEN[0], _SEEN[-1])
+    shares = np.stack([np.interp(seen, _SEEN, one) for one in np.eye(_SEEN.size)], axis=1)
+    centre_m = np.maximum(range_m - _CENTRE_OFFSET * _radii_m(labels), range_m / 2)
+    aside = sphere_m * np.sin(tilt_rad) / centre_m
+    coherence = np.clip(features[:, COHERENCE].mean(axis=1), _LEAST_COHERENCE, 1.0)
+    foreign = (1 - coherence.astype(np.float64)) / coherence
+    rest = np.stack([aside**2, 10 ** (-snr_db / 10), foreign, foreign**2], axis=1)
+    return np.concatenate([shares, rest], axis=1)
 
 
 def _radii_m(labels: Sequence[str]) -> Float:
@@ -112,21 +137,41 @@ def fit_readout(
         Range, azimuth and elevation of the peak; of the vertex, with its tilt.
     snr_db : shape (n,)
     """
-    sizes = tuple(sorted(set(labels)))
+    whole = _without_law(features, labels, place, truth)
+    vertex_m, tilt = np.zeros(len(labels)), np.zeros(len(labels))
+    # Errors of echoes that the weights were fitted to are smaller than those of any other.
+    for unseen in np.array_split(np.arange(len(labels)), _BLOCKS):
+        known = np.setdiff1d(np.arange(len(labels)), unseen)
+        others = [labels[i] for i in known]
+        part = _without_law(features[known], others, place[known], truth[known], whole.sizes)
+        here = [labels[i] for i in unseen]
+        vertex_m[unseen], tilt[unseen], _ = part(
+            features[unseen], here, place[unseen, 0], snr_db[unseen]
+        )
+    errors = np.stack([vertex_m, place[:, 1], place[:, 2]], axis=1) - truth[:, :3]
+    basis = terms(features, labels, tilt, place[:, 0], snr_db)
+    laws = [_variance_law(basis, e**2, floor) for e, floor in zip(errors.T, _FLOORS, strict=True)]
+    return replace(whole, variances=np.stack(laws).astype(np.float32))
+
+
+def _without_law(
+    features: Float32,
+    labels: Sequence[str],
+    place: Float,
+    truth: Float,
+    sizes: tuple[str, ...] = (),
+) -> Readout:
+    """A read-out of places and tilts alone; of all sizes, where some may be missing."""
+    sizes = sizes or tuple(sorted(set(labels)))
     mean = features.mean(axis=0)
     scale = np.maximum(features.std(axis=0), np.float32(1e-3))
     rows = design(features, labels, sizes, mean, scale)
-    range_m = place[:, 0]
-    wanted = np.stack([truth[:, 0] - ring_to_vertex_m(labels, range_m), truth[:, 3]], axis=1)
+    offset_m = truth[:, 0] - ring_to_vertex_m(labels, place[:, 0])
+    wanted = np.stack([offset_m, truth[:, 3]], axis=1)
     # Errors are of two kinds, small and gross: the fit is of the small ones.
-    kept = np.abs(wanted[:, 0] - np.median(wanted[:, 0])) < 0.03
+    kept = np.abs(offset_m - np.median(offset_m)) < 0.03
     weights = _ridge(rows[kept], wanted[kept])
-    told = Readout(sizes, mean, scale, weights, np.zeros((3, NUM_TERMS), np.float32))
-    vertex_m, tilt, _ = told(features, labels, range_m, snr_db)
-    errors = np.stack([vertex_m, place[:, 1], place[:, 2]], axis=1) - truth[:, :3]
-    basis = terms(labels, tilt, range_m, snr_db)
-    variances = np.stack([_variance_law(basis, errors[:, k] ** 2) for k in range(3)])
-    return Readout(sizes, mean, scale, weights, variances.astype(np.float32))
+    return Readout(sizes, mean, scale, weights, np.zeros((3, NUM_TERMS), np.float32))
 
 
 def _ridge(rows: Float32, wanted: Float) -> Float32:
@@ -135,12 +180,13 @@ def _ridge(rows: Float32, wanted: Float) -> Float32:
     return np.linalg.solve(matrix, rows64.T @ wanted).astype(np.float32)
 
 
-def _variance_law(basis: Float, squares: Float) -> Float:
+def _variance_law(basis: Float, squares: Float, floor: float) -> Float:
     """Terms, none negative, whose sum is the mean square error everywhere: reweighted."""
     from scipy.optimize import nnls
 
-    law = np.array([squares.mean(), 0.0, 0.0, 0.0])
-    for _ in range(8):
-        weight = 1 / np.maximum(basis @ law, 1e-8)
+    told = np.full(len(squares), squares.mean())
+    for _ in range(_ROUNDS):
+        weight = 1 / np.maximum(told, floor)
         law, _ = nnls(basis * weight[:, None], squares * weight)
+        told = basis @ law
     return np.asarray(law)

@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 
+from ertis_detector.features import COHERENCE, NUM_FEATURES
 from ertis_detector.readout import RING_OFFSET, SPHERE_RADIUS, fit_readout, ring_to_vertex_m
 
 SIZES = ("r35", "r48", "r58", "r70")
 BIAS_M = {"r35": 0.001, "r48": -0.002, "r58": -0.004, "r70": -0.006}
 
 
-def world(seed, count=3000, azimuth_sigma=0.005):
+NULL = 0.075  # of the ring's beam, R / range
+
+
+def world(seed, count=3000, azimuth_sigma=0.005, null_sigma=0.0):
     """Features that tell tilt and offset, but for noise; errors as the law has them."""
     rng = np.random.default_rng(seed)
     labels = rng.choice(SIZES, count)
@@ -17,14 +21,17 @@ def world(seed, count=3000, azimuth_sigma=0.005):
     tilt = rng.uniform(0, 0.6, count)
     vertex_m = rng.uniform(0.7, 5.0, count)
     snr_db = rng.uniform(12, 45, count)
-    features = rng.normal(size=(count, 6))
+    features = rng.normal(size=(count, NUM_FEATURES))
+    features[:, COHERENCE] = rng.uniform(0.5, 1.0, (count, 1))
     features[:, 0] = tilt + rng.normal(0, 0.05, count)
     features[:, 1] *= 2e3
     bias = np.array([BIAS_M[label] for label in labels]) + 0.01 * features[:, 0]
     range_m = vertex_m + RING_OFFSET * radius - bias + rng.normal(0, 2e-3, count)
-    aside = SPHERE_RADIUS * radius * np.sin(tilt) / vertex_m
+    aside = SPHERE_RADIUS * radius * np.sin(tilt) / (vertex_m - SPHERE_RADIUS * radius)
     azimuth = rng.normal(0, 1, count) * np.sqrt(azimuth_sigma**2 + 0.5 * aside**2)
     elevation = rng.normal(0, 1, count) * np.sqrt(0.004**2 + 0.09 * 10 ** (-snr_db / 10))
+    is_null = np.abs(SPHERE_RADIUS * radius / range_m - NULL) < 0.005
+    elevation += is_null * rng.choice([-1, 1], count) * null_sigma
     place = np.stack([range_m, azimuth, elevation], axis=1)
     truth = np.stack([vertex_m, 0 * azimuth, 0 * elevation, tilt], axis=1)
     return features.astype(np.float32), labels.tolist(), place, truth, snr_db
@@ -65,7 +72,8 @@ def test_the_errors_are_as_large_as_the_covariance_says(readout):
 
 
 def test_a_turned_dish_nearby_is_less_sure_of_its_bearing(readout):
-    features = np.zeros((2, 6), np.float32)
+    features = np.zeros((2, NUM_FEATURES), np.float32)
+    features[:, COHERENCE] = 1.0
     features[1, 0] = 0.5
     _, _, variances = readout(features, ["r70", "r70"], np.full(2, 0.8), np.full(2, 30.0))
     assert variances[1, 1] > 5 * variances[0, 1]
@@ -78,7 +86,36 @@ def test_no_echo_is_better_than_a_millimetre(readout):
 
 
 def test_a_feature_never_met_before_moves_nothing_far(readout):
-    wild = np.full((1, 6), 1e9, np.float32)
+    wild = np.full((1, NUM_FEATURES), 1e9, np.float32)
     vertex_m, tilt, _ = readout(wild, ["r48"], np.array([2.0]), np.array([30.0]))
     assert vertex_m[0] == pytest.approx(2.0, abs=0.15)
     assert 0 <= tilt[0] <= np.deg2rad(60)
+
+
+def test_where_the_rings_beam_has_its_null_elevation_is_less_sure():
+    readout = fit_readout(*world(6, null_sigma=0.08))
+    features = np.zeros((3, NUM_FEATURES), np.float32)
+    features[:, COHERENCE] = 1.0
+    range_m = SPHERE_RADIUS * 0.058 / np.array([0.05, NULL, 0.1])
+    _, _, variances = readout(features, ["r58"] * 3, range_m, np.full(3, 35.0))
+    before, null, after = np.sqrt(variances[:, 2])
+    assert null > 0.04
+    assert max(before, after) < 0.5 * null
+
+
+def test_an_echo_that_others_cover_is_less_sure_of_its_bearing():
+    features, labels, place, truth, snr_db = world(7)
+    covered = features[:, COHERENCE].mean(axis=1) < 0.6
+    place[covered, 1] += np.random.default_rng(8).normal(0, 0.03, covered.sum())
+    readout = fit_readout(features, labels, place, truth, snr_db)
+    _, _, variances = readout(features, labels, place[:, 0], snr_db)
+    assert variances[covered, 1].mean() > 3 * variances[~covered, 1].mean()
+
+
+def test_the_law_is_of_echoes_that_the_fit_has_not_met():
+    few = world(9, 220)  # hardly more than there are features
+    readout = fit_readout(*few)
+    features, labels, place, truth, snr_db = world(10)
+    vertex_m, _, variances = readout(features, labels, place[:, 0], snr_db)
+    nees = np.mean((vertex_m - truth[:, 0]) ** 2 / variances[:, 0])
+    assert nees == pytest.approx(1.0, abs=0.4)
