@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,16 +35,22 @@ _LABEL_ELEVATION_RAD = 0.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingRows:
-    """What all candidates of all pings teach.
+    """What all candidates of all pings are.
 
     features : float32, shape (n, num_features)
     labels, groups : n strings
+        What a report of it would have to say: a dish by another way than straight is ``none``.
         Rows of one group (one scene, or one session of a data set) hear the same clutter.
+    teaches : bool, shape (n,)
+        Not what is heard by another way, nor dishes turned too far away or hidden.
+    in_sight : bool, shape (n,)
+        A landmark could be heard in its ping.
     place, truth : shape (n, 3) and (n, 4)
         Range, azimuth, elevation of the peak; of the landmark's vertex, and its tilt; NaN for
         what is none.
     snr_db : shape (n,)
-    pings : int
+    pings, pings_in_sight : int
+        All, and those in which a landmark could be heard.
     """
 
     features: npt.NDArray[np.float32]
@@ -53,7 +59,10 @@ class TrainingRows:
     place: npt.NDArray[np.float64]
     truth: npt.NDArray[np.float64]
     snr_db: npt.NDArray[np.float64]
+    teaches: npt.NDArray[np.bool_]
+    in_sight: npt.NDArray[np.bool_]
     pings: int
+    pings_in_sight: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +75,15 @@ class _Job:
     chirp_name: str
 
 
-_Row = tuple[npt.NDArray[np.float32], str, str, tuple[float, ...], tuple[float, ...], float]
+class _Row(NamedTuple):
+    features: npt.NDArray[np.float32]
+    label: str
+    group: str
+    place: tuple[float, ...]
+    truth: tuple[float, ...]
+    snr_db: float
+    teaches: bool
+    in_sight: bool
 
 
 def read_rows(
@@ -93,19 +110,23 @@ def read_rows(
         If one has no truth or another chirp, or cannot be read.
     """
     rows: list[_Row] = []
-    pings = 0
-    for heard, learnt in Workers(workers)(_learn, list(_jobs(paths, chirp))):
+    pings = pings_in_sight = 0
+    for heard, in_sight, learnt in Workers(workers)(_learn, list(_jobs(paths, chirp))):
         pings += heard
+        pings_in_sight += in_sight
         rows.extend(learnt)
         progress(pings)
     return TrainingRows(
-        np.array([row[0] for row in rows], np.float32).reshape(-1, NUM_FEATURES),
-        [row[1] for row in rows],
-        [row[2] for row in rows],
-        np.array([row[3] for row in rows]).reshape(-1, 3),
-        np.array([row[4] for row in rows]).reshape(-1, 4),
-        np.array([row[5] for row in rows]),
+        np.array([row.features for row in rows], np.float32).reshape(-1, NUM_FEATURES),
+        [row.label for row in rows],
+        [row.group for row in rows],
+        np.array([row.place for row in rows]).reshape(-1, 3),
+        np.array([row.truth for row in rows]).reshape(-1, 4),
+        np.array([row.snr_db for row in rows]),
+        np.array([row.teaches for row in rows], bool),
+        np.array([row.in_sight for row in rows], bool),
         pings,
+        pings_in_sight,
     )
 
 
@@ -132,12 +153,13 @@ def _jobs(paths: Sequence[Path], chirp: Emission) -> Iterator[_Job]:
             yield _Job(recording.path, part, row, chirp.name)
 
 
-def _learn(job: _Job) -> tuple[int, list[_Row]]:
-    """What one job's pings teach; runs in a worker process."""
+def _learn(job: _Job) -> tuple[int, int, list[_Row]]:
+    """Pings, those with a landmark in sight, and rows of one job; runs in a worker process."""
     recording = open_recording(job.path)
     assert recording.info.chirp is not None  # looked at before
     settings = Settings(recording.info.chirp, recording.info.num_words)
-    decoder, rows, heard = PdmDecoder(), [], 0
+    decoder, rows = PdmDecoder(), []
+    heard = heard_in_sight = 0
     for number, ping in enumerate(recording):
         if job.row is None and number % _PARTS != job.part:
             continue
@@ -151,8 +173,9 @@ def _learn(job: _Job) -> tuple[int, list[_Row]]:
             )
         scanner = _scanner(settings, rounded_temperature_c(ping.temperature_c))
         audio = decoder.decode(whole_samples(ping.frame.words)).audio
+        heard_in_sight += _in_sight(truth)
         rows.extend(_candidates(scanner, audio, truth, f"{job.path.name} {number}"))
-    return heard, rows
+    return heard, heard_in_sight, rows
 
 
 @lru_cache(maxsize=16)
@@ -168,20 +191,34 @@ def _candidates(
     if not candidates:
         return []
     features = scanner.features(baseband, candidates)
-    group = str(truth.get("scene", number))
+    group, in_sight = str(truth.get("scene", number)), _in_sight(truth)
     rows: list[_Row] = []
     for seen, one, (label, item) in zip(
         features, candidates, match_candidates(candidates, truth), strict=True
     ):
-        if label is not None:
-            at = one.location
-            place = (at.range_m, at.azimuth_rad, at.elevation_rad)
-            rows.append((seen, label, group, place, _where(label, item), one.snr_db))
+        at = one.location
+        rows.append(
+            _Row(
+                seen,
+                label or (NONE if item is None else str(item["label"])),
+                group,
+                (at.range_m, at.azimuth_rad, at.elevation_rad),
+                _where(label, item),
+                one.snr_db,
+                label is not None,
+                in_sight,
+            )
+        )
     return rows
 
 
-def _where(label: str, item: Any) -> tuple[float, float, float, float]:
-    if item is None or label in (NONE, UNKNOWN):
+def _in_sight(truth: dict[str, Any]) -> bool:
+    """Whether a landmark can be heard; a person labels only what can."""
+    return any(item.get("visible", True) for item in truth["landmarks"])
+
+
+def _where(label: str | None, item: Any) -> tuple[float, float, float, float]:
+    if item is None or label in (None, NONE, UNKNOWN):
         return (math.nan,) * 4
     tilt = item.get("tilt_rad", math.nan)
     return (item["range_m"], item["azimuth_rad"], item["elevation_rad"], tilt)

@@ -18,12 +18,13 @@ _LEAST_VOTE = 1e-4  # smaller ones were never put to the test
 class Classifier:
     """A committee of networks, trees, and the law that makes probabilities of their votes.
 
-    Either alone is now and then sure of a false landmark; seldom are both of the same.
+    Either alone is now and then sure of a false landmark; seldom are both of the same. The law
+    hears each of them, so that their disagreement counts as doubt.
 
     classes : tuple of str
     committee : Committee
     trees : Trees
-    coupling, offset : float32, shapes (num_classes, num_classes) and (num_classes,)
+    coupling, offset : float32, shapes (2 * num_classes, num_classes) and (num_classes,)
         Log-odds of each class from the votes' logarithms, fitted on scenes left out.
     """
 
@@ -38,23 +39,24 @@ class Classifier:
         return couple(self.votes(features), self.coupling, self.offset)
 
     def votes(self, features: Float32) -> Float32:
-        """Mean of what networks and trees say, shape (n, num_classes)."""
-        return joint_votes(self.committee, self.trees, features)
+        """What networks and trees say, shape (n, 2 * num_classes)."""
+        return both_votes(self.committee, self.trees, features)
 
     def predict(self, features: Float32) -> list[str]:
         """The most probable class of each row."""
         return [self.classes[i] for i in self.probabilities(features).argmax(axis=1)]
 
 
-def joint_votes(committee: Committee, trees: Trees, features: Float32) -> Float32:
-    """Networks and trees have equal say; shape (n, num_classes)."""
-    return np.asarray((committee.votes(features) + trees.votes(features)) / 2)
+def both_votes(committee: Committee, trees: Trees, features: Float32) -> Float32:
+    """Probabilities by the networks, then by the trees; shape (n, 2 * num_classes)."""
+    return np.concatenate([committee.votes(features), trees.votes(features)], axis=1)
 
 
 def evidence(votes: Float32) -> Float32:
-    """Logarithms of votes against their mean over the classes."""
-    logarithm = np.log(np.maximum(votes, _LEAST_VOTE))
-    return np.asarray(logarithm - logarithm.mean(axis=1, keepdims=True))
+    """Logarithms of votes against their mean over the classes, of networks and trees each."""
+    logarithm = np.log(np.maximum(votes, _LEAST_VOTE)).reshape(len(votes), 2, -1)
+    centred = logarithm - logarithm.mean(axis=2, keepdims=True)
+    return np.asarray(centred.reshape(votes.shape))
 
 
 def couple(votes: Float32, coupling: Float32, offset: Float32) -> Float32:

@@ -56,6 +56,8 @@ class ModelCard:
         Name, size and SHA-256 of the training recordings.
     min_probability : float
         From here on a landmark, of whichever size, is reported, unless the user says otherwise.
+    in_sight : float
+        Part of pings with a landmark in sight where probabilities come true.
     figures, tracking : mapping
         What its cross-validation gave at ``min_probability``, and at ``TRACKING_PROBABILITY``.
     """
@@ -66,6 +68,7 @@ class ModelCard:
     source: str
     data: str
     min_probability: float = 0.5
+    in_sight: float = 0.5
     features: str = FEATURE_VERSION
     figures: dict[str, float] = field(default_factory=dict)
     tracking: dict[str, float] = field(default_factory=dict)
@@ -244,7 +247,7 @@ def _shapes(arrays: dict[str, Any], count: int, sizes: int) -> dict[str, tuple[i
         "readout.scale": (NUM_FEATURES,),
         "readout.weights": (NUM_FEATURES + 1 + sizes, 2),
         "readout.variances": (3, NUM_TERMS),
-        "coupling": (count, count),
+        "coupling": (2 * count, count),
         "offset": (count,),
     }
 

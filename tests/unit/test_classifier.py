@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from ertis_detector.classifier import joint_votes
+from ertis_detector.classifier import both_votes, couple
 from ertis_detector.fit_trees import fit_trees
 from ertis_detector.fitting import fit
 from ertis_detector.networks import Committee, softmax
@@ -93,12 +93,15 @@ def test_a_committee_is_the_mean_of_its_networks_probabilities():
     np.testing.assert_allclose(committee.votes(rows), expected, rtol=1e-5)
 
 
-def test_networks_and_trees_have_equal_say(fitted):
+def test_the_law_hears_networks_and_trees_apart(fitted):
     fresh, _, _ = clouds(4, 50)
-    both = joint_votes(fitted.committee, fitted.trees, fresh)
-    apart = (fitted.committee.votes(fresh), fitted.trees.votes(fresh))
-    np.testing.assert_allclose(both, (apart[0] + apart[1]) / 2)
-    assert np.abs(apart[0] - apart[1]).max() > 0.01
+    both = both_votes(fitted.committee, fitted.trees, fresh)
+    np.testing.assert_array_equal(both[:, :4], fitted.committee.votes(fresh))
+    np.testing.assert_array_equal(both[:, 4:], fitted.trees.votes(fresh))
+    silent = both.copy()
+    silent[:, 4:] = 0.25  # trees that know nothing
+    law = fitted.coupling, fitted.offset
+    assert np.abs(couple(silent, *law) - couple(both, *law)).max() > 0.05
 
 
 def test_it_recognises_what_it_has_not_seen(fitted):
@@ -176,3 +179,27 @@ def test_a_class_of_a_single_scene_is_refused():
     labels = ["r70" if group == "scene 0" else label for label, group in pairs]
     with pytest.raises(ValueError, match="too few groups"):
         fitted_to(features, labels, groups)
+
+
+def test_what_does_not_teach_is_not_learnt_but_its_probabilities_are_told():
+    features, labels, groups = clouds(10, 600)
+    told = np.array(labels)
+    teaches = told != "r58"
+    made = fit(features, labels, groups, teaches=teaches, num_networks=1, num_folds=3)
+    assert made.classifier.classes == ("none", "r35", "r48")
+    assert made.probabilities.shape == (600, 3)
+    np.testing.assert_allclose(made.probabilities[~teaches].sum(axis=1), 1.0, atol=1e-5)
+
+
+def test_probabilities_come_true_where_landmarks_are_as_rare_as_the_weights_say():
+    """A quarter of the rows is clutter; where robots live, eight in nine are."""
+    features, labels, groups = clouds(11, 1500, spread=2.5)
+    is_clutter = np.array(labels) == "none"
+    weights = np.where(is_clutter, 24.0, 1.0)
+    made = fit(features, labels, groups, weights=weights, num_networks=1, num_folds=3)
+    fresh, truth, _ = clouds(12, 6000, spread=2.5)
+    there = np.where(np.array(truth) == "none", 24.0, 1.0)
+    said = made.classifier.probabilities(fresh)[:, 1:].sum(axis=1)
+    assert np.average(said, weights=there) == pytest.approx(3 / 27, abs=0.03)
+    unweighted = fit(features, labels, groups, num_networks=1, num_folds=3)
+    assert unweighted.classifier.probabilities(fresh)[:, 1:].sum(axis=1).mean() > 0.6

@@ -55,7 +55,7 @@ def arrays():
         "readout.scale": np.abs(some(NUM_FEATURES)) + 0.5,
         "readout.weights": some(NUM_FEATURES + 3, 2),
         "readout.variances": np.abs(some(3, NUM_TERMS)),
-        "coupling": some(3, 3),
+        "coupling": some(6, 3),
         "offset": some(3),
     }
 

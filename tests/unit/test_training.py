@@ -111,6 +111,7 @@ def test_a_model_knows_the_sizes_it_was_taught(recording, tmp_path, capsys):
     said, model = train(recording, tmp_path / "m.safetensors", capsys)
     assert model.classes == ("none", "r40", "r66")
     assert model.card.source == said["source"] == "sim"
+    assert model.card.in_sight == 0.5
     assert said["landmark_proposals"] > 24
     assert model.card.tracking["found"] >= model.card.figures["found"]
     assert model.card.data.startswith("64 pings: recording sha256 ")
