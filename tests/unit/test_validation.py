@@ -5,13 +5,15 @@ import numpy as np
 import pytest
 
 from ertis_daemon.cli import main
+from ertis_driver.chirp import INCUMBENT_CHIRP
+from ertis_driver.frame import AUDIO_RATE_HZ
 from ertis_simulator.errors import SceneError
 from ertis_simulator.validation import air_checks, dish_checks, pdm_checks, wave_checks
 from ertis_simulator.validation.check import Check, as_row
-from ertis_simulator.validation.measure import bits, density, in_bands, run_shares
+from ertis_simulator.validation.measure import bits, density, group_delay, in_bands, run_shares
 from ertis_simulator.validation.page import checks_table, fill, rows_table
 from ertis_simulator.validation.real_ping import Row, compare, figures, pooled
-from ertis_simulator.validation.twin import ECHOES, twin
+from ertis_simulator.validation.twin import AIR, ECHOES, twin
 
 
 @pytest.mark.parametrize("check", air_checks.checks(), ids=lambda check: check.what)
@@ -27,7 +29,7 @@ def test_every_printed_absorption_is_met_to_its_last_digit_but_one(row):
 def test_the_dish_of_scenes_is_that_of_boundary_elements():
     found = dish_checks.checks()
     assert [as_row(check) for check in found if not check.agrees] == []
-    assert len(found) == 11
+    assert len(found) == 19
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +69,21 @@ def test_density_finds_the_level_of_white_noise():
     frequency_hz, level_db = density(words)
     found = in_bands(frequency_hz, level_db, np.array([100e3, 1e6]))
     np.testing.assert_allclose(found, -10 * np.log10(2.25e6), atol=0.4)
+
+
+def test_a_band_that_rings_later_is_found_to_be_as_late_as_it_is():
+    chirp = INCUMBENT_CHIRP.samples(AUDIO_RATE_HZ)
+    size, path_m, late_s = 16_384, np.linspace(2.0, 2.1, 32), 60e-6
+    frequency_hz = np.fft.rfftfreq(size, 1 / AUDIO_RATE_HZ)
+    # The phase of an echo whose delay grows from none at 42 kHz to all of it at 46.
+    delay_s = path_m[:, None] / AIR.speed_of_sound_m_s + np.interp(
+        frequency_hz, [42e3, 46e3], [0.0, late_s]
+    )
+    turn = np.exp(-2j * np.pi * np.cumsum(delay_s, axis=1) * frequency_hz[1])
+    audio = np.fft.irfft(np.fft.rfft(chirp, size) * turn, size).astype(np.float32)
+    found = [group_delay(audio, chirp, path_m, AIR, band) for band in ((36e3, 41e3), (47e3, 50e3))]
+    assert found[0] == pytest.approx(0.0, abs=4e-6)
+    assert found[1] == pytest.approx(late_s, abs=6e-6)
 
 
 def test_bits_and_runs_are_counted_by_microphone():

@@ -96,7 +96,7 @@ def compare(
     gain = np.abs(other) / np.maximum(np.abs(exact), 1e-12)
     gain_db = 20 * np.log10(np.maximum(gain, 1e-6))
     energy, exact_energy = (window * np.abs(other) ** 2).sum(axis=1), power.sum(axis=1)
-    correlation, path = _best_match(ka, window * other * exact.conj())
+    correlation, path = best_match(ka, window * other * exact.conj())
     return Agreement(
         table.views,
         10 * np.log10(np.maximum(energy / exact_energy, 1e-12)),
@@ -119,8 +119,21 @@ def _in_band(
     return np.asarray((ka >= low) & (ka <= high))
 
 
-def _best_match(ka: FloatArray, cross: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Largest cross-correlation of each row, and the extra path (aperture radii) it is at."""
+def best_match(ka: FloatArray, cross: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Find how well echoes match at their best delay.
+
+    Parameters
+    ----------
+    ka : shape (num_ka,)
+        Evenly spaced.
+    cross : shape (num_views, num_ka)
+        One echo's amplitudes times the conjugate of the other's.
+
+    Returns
+    -------
+    float64, float64, shape (num_views,) each
+        Largest cross-correlation, and the extra path (aperture radii) that it is at.
+    """
     step = 2 * np.pi / ka[-1] / 64
     reach = int(np.ceil(_SEARCH_PATH / step))
     path = step * np.arange(-reach, reach + 1)

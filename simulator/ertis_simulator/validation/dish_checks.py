@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from ertis_simulator.landmark import RADII_MM, Dish, dish_echoes
 from ertis_simulator.physical_optics import CapOptics
-from ertis_simulator.reference.compare import Agreement, compare
+from ertis_simulator.reference.compare import Agreement, best_match, compare
 from ertis_simulator.reference.table import ReferenceTable, Views
 from ertis_simulator.validation.check import Check
 
@@ -18,6 +18,8 @@ EXACT = "boundary elements for a rigid thin cap"
 _RADIUS_M = 0.05  # everything scales: any will do
 _FAR_R = 1e5  # aperture radii
 _OPTICS_KA = np.arange(20.0, 81.0, 4.0)
+_ALLOWED_US = 0.5  # 0.09 mm of range
+_SPEED_M_S = 343.0
 
 
 def as_heard(ka: FloatArray, views: Views) -> ComplexArray:
@@ -55,7 +57,7 @@ def checks() -> list[Check]:
     rows = []
     for name, (chosen, allowed, allowed_db) in groups.items():
         rows += _rows(name, found, chosen, allowed, allowed_db)
-    return [*rows, _optics_check()]
+    return [*rows, *_optics_checks()]
 
 
 def _rows(
@@ -68,27 +70,40 @@ def _rows(
     match = min(float(one.correlation[chosen].mean()) for one in found)
     levels = [float(one.level_db[chosen].mean()) for one in found]
     level = max(levels, key=abs)
+    late_us = max(1e6 * float(np.abs(one.delay_s[chosen]).mean()) for one in found)
     return [
         Check(f"correlation, {name}", EXACT, 1.0, match, allowed, ""),
         Check(f"level, {name}", EXACT, 0.0, level, allowed_db, "dB"),
+        Check(f"best delay, {name}", EXACT, 0.0, late_us, _ALLOWED_US, "us"),
     ]
 
 
-def _optics_check() -> Check:
-    """The two independent methods, neither fitted to the other."""
+def _optics_checks() -> list[Check]:
+    """The two independent methods, neither fitted to the other; means over tilts."""
     table = ReferenceTable.load()
     apart = np.rad2deg(table.views.apart_rad)
     tilt = table.views.bisector_tilt_rad
     chosen = np.flatnonzero((apart < 0.1) & np.isinf(table.views.range_r) & (tilt < np.deg2rad(56)))
-    exact = np.array([table.amplitude[chosen, np.argmin(abs(table.ka - ka))] for ka in _OPTICS_KA])
+    columns = [np.argmin(abs(table.ka - ka)) for ka in _OPTICS_KA]
+    exact = table.amplitude[np.ix_(chosen, columns)].astype(np.complex128)
     zero = np.zeros(len(chosen))
     optics = np.array(
         [CapOptics(0.6, ka).far_field(tilt[chosen], tilt[chosen], zero) for ka in _OPTICS_KA]
-    )
-    match = np.abs(np.sum(optics * exact.conj(), axis=0))
-    match /= np.linalg.norm(optics, axis=0) * np.linalg.norm(exact, axis=0)
-    name = "correlation of physical optics, 6 bounces, ka 20 to 80, tilt to 55 degrees, mean"
-    return Check(name, EXACT, 1.0, float(match.mean()), 0.05, "")
+    ).T
+    cross = optics * exact.conj()
+    energies = [np.sum(np.abs(part) ** 2, axis=1) for part in (optics, exact)]
+    matched, path = best_match(_OPTICS_KA, cross)
+    match = float(np.mean(matched / np.sqrt(energies[0] * energies[1])))
+    level_db = float(np.mean(10 * np.log10(energies[0] / energies[1])))
+    late_us = float(np.abs(path).mean()) * max(RADII_MM) * 1e-3 / _SPEED_M_S * 1e6
+    phase_deg = float(np.rad2deg(np.abs(np.angle(cross.sum(axis=1))).mean()))
+    of = "of physical optics, 6 bounces, ka 20 to 80, tilt to 55 degrees"
+    return [
+        Check(f"correlation {of}", EXACT, 1.0, match, 0.05, ""),
+        Check(f"level {of}", EXACT, 0.0, level_db, 1.0, "dB"),
+        Check(f"best delay {of}, 70 mm", EXACT, 0.0, late_us, _ALLOWED_US, "us"),
+        Check(f"phase {of}", EXACT, 0.0, phase_deg, 8.0, "degrees"),
+    ]
 
 
 def _direction(tilt_rad: float, azimuth_rad: float) -> FloatArray:

@@ -90,19 +90,35 @@ def echo_shape(
     Compressed, gated around the path, divided by the chirp compressed and gated likewise; powers of
     the microphones averaged.
     """
-    half = round(gate_s * AUDIO_RATE_HZ)
-    window, taper = np.zeros(_FFT), np.hanning(2 * half)
-    window[:half], window[-half:] = taper[half:], taper[:half]
-
-    def gated(spectrum: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
-        return np.asarray(scipy.fft.rfft(scipy.fft.irfft(spectrum, _FFT) * window))
-
     own = np.abs(scipy.fft.rfft(chirp, _FFT)) ** 2 + 0j
-    heard = np.mean(np.abs(gated(aligned(audio, chirp, path_m, air))) ** 2, axis=0)
-    ratio = heard / np.abs(gated(own)) ** 2
+    heard = np.mean(np.abs(_gated(aligned(audio, chirp, path_m, air), gate_s)) ** 2, axis=0)
+    ratio = heard / np.abs(_gated(own, gate_s)) ** 2
     near = np.abs(FREQUENCY_HZ[None] - centres_hz[:, None]) < 700.0
     level = 10 * np.log10(np.where(near, ratio[None], 0).sum(axis=1) / near.sum(axis=1))
     return np.asarray(level + air.absorption_db_m(centres_hz) * path_m.mean())
+
+
+def _gated(spectrum: npt.NDArray[np.complex128], gate_s: float) -> npt.NDArray[np.complex128]:
+    """Keep what lies around zero delay."""
+    half = round(gate_s * AUDIO_RATE_HZ)
+    window, taper = np.zeros(_FFT), np.hanning(2 * half)
+    window[:half], window[-half:] = taper[half:], taper[:half]
+    return np.asarray(scipy.fft.rfft(scipy.fft.irfft(spectrum, _FFT) * window))
+
+
+def group_delay(
+    audio: npt.NDArray[np.float32],
+    chirp: FloatArray,
+    path_m: FloatArray,
+    air: Air,
+    band_hz: tuple[float, float],
+    gate_s: float = 0.4e-3,
+) -> float:
+    """By how much one echo's band comes later than its path, s; louder frequencies count more."""
+    band = (band_hz[0] < FREQUENCY_HZ) & (band_hz[1] > FREQUENCY_HZ)
+    heard = _gated(aligned(audio, chirp, path_m, air), gate_s)[:, band]
+    turn = np.sum(heard[:, 1:] * np.conj(heard[:, :-1]))
+    return float(-np.angle(turn) / (2 * np.pi * FREQUENCY_HZ[1]))
 
 
 def echo_gains(

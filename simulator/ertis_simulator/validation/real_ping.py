@@ -20,6 +20,7 @@ from ertis_simulator.validation.measure import (
     density,
     echo_gains,
     echo_shape,
+    group_delay,
     in_bands,
     level_over_time,
     likeness,
@@ -35,6 +36,7 @@ NOISE_HZ: FloatArray = np.array(
 )
 QUIET_WORDS = 150_300  # from 33.4 ms on: the quietest stretch of the real ping
 _REFERENCE_HZ = 46e3
+_EARLY_HZ, _LATE_HZ = (36e3, 42e3), (46e3, 50e3)  # the transducer rings at 50 kHz
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +47,7 @@ class PingFigures:
     noise_db : shape (len(NOISE_HZ),), dBFS/Hz of the bits from ``QUIET_WORDS`` on
     shapes_db : shape (2, len(SHAPE_HZ)), of the two strong echoes, without absorption
     gains_db, phases_deg : shape (2, num_mics), of each microphone in these echoes
+    lags_s : shape (2,), by how much they come later from 46 to 50 kHz than from 36 to 42
     runs : shape (4,), share of runs of 1, 2, 3 and more equal bits from ``QUIET_WORDS`` on
     """
 
@@ -54,6 +57,7 @@ class PingFigures:
     shapes_db: FloatArray
     gains_db: FloatArray
     phases_deg: FloatArray
+    lags_s: FloatArray
     runs: FloatArray
     peaks: FloatArray
     saturated: float
@@ -78,6 +82,7 @@ def figures(words: npt.NDArray[np.uint32]) -> PingFigures:
         shapes_db=np.array([echo_shape(audio, chirp, path, AIR, SHAPE_HZ) for path in paths]),
         gains_db=np.array([gain for gain, _ in each]),
         phases_deg=np.array([phase for _, phase in each]),
+        lags_s=np.array([_lag_s(audio, chirp, path) for path in paths]),
         runs=run_shares(words[QUIET_WORDS:]),
         peaks=np.abs(audio[:, 30:1500]).max(axis=1).astype(np.float64),
         saturated=float(len(health.saturated)),
@@ -86,6 +91,11 @@ def figures(words: npt.NDArray[np.uint32]) -> PingFigures:
         delay_s=find_direct_path(audio, INCUMBENT_CHIRP).delay_s,
         likeness=likeness(audio, 58e3, 105e3),
     )
+
+
+def _lag_s(audio: npt.NDArray[np.float32], chirp: FloatArray, path_m: FloatArray) -> float:
+    late, early = (group_delay(audio, chirp, path_m, AIR, band) for band in (_LATE_HZ, _EARLY_HZ))
+    return late - early
 
 
 def pooled(each: Sequence[PingFigures]) -> PingFigures:
@@ -146,6 +156,8 @@ def compare(real: PingFigures, simulated: PingFigures) -> list[Row]:
     for centre_hz in (28e3, 32e3, 36e3, 40e3, 44e3, 48e3):
         name = f"strong echoes at {centre_hz / 1e3:.0f} kHz against 46 kHz"
         rows.append(row(name, partial(_shape_at, centre_hz=centre_hz), "dB", 3.0))
+    lag = "strong echoes at 46 to 50 kHz, later than at 36 to 42 kHz"
+    rows.append(row(lag, lambda one: one.lags_s.mean() * 1e6, "us"))
     for index, centre_hz in enumerate(NOISE_HZ):
         name = f"noise at {centre_hz / 1e3:g} kHz"
         rows.append(row(name, partial(_noise, index=index), "dBFS/Hz", 4.0))
