@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ertis_simulator.clutter import CLUSTER_KINDS, Clutter, cluster
-from ertis_simulator.landmark import DEPTH_RATIO, Dish
+from ertis_simulator.landmark import DEPTH_RATIO, RIM_STRENGTH, Dish
 from ertis_simulator.lines import Lines
 from ertis_simulator.occlusion import Blocker
 from ertis_simulator.panels import Panels
@@ -61,6 +61,8 @@ class DishObject:
         Where the opening looks, world frame.
     path : Path or None
         On which it moves, as an offset from its first waypoint.
+    rim_strength : float
+        Of the rim's diffraction: 1 for a sharp edge, less for a tapered one.
     """
 
     label: str
@@ -69,6 +71,7 @@ class DishObject:
     facing_rad: tuple[float, float]
     is_landmark: bool = True
     path: Path | None = None
+    rim_strength: float = RIM_STRENGTH
 
     @property
     def axis(self) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
 from ertis_driver.errors import SettingsError
-from ertis_simulator.landmark import DEPTH_RATIO, RADII_MM, Dish
+from ertis_simulator.landmark import DEPTH_RATIO, RADII_MM, RIM_STRENGTH, Dish
 from ertis_simulator.noise_sources import AirGun, NoiseSource, OtherSonar, Tone
 from ertis_simulator.objects import (
     DISH_KINDS,
@@ -19,7 +19,7 @@ from ertis_simulator.objects import (
 from ertis_simulator.path import Path
 from ertis_simulator.yaml_section import Section
 
-_DISH = ("x_m", "y_m", "height_m", "facing_deg", "tilt_up_deg", "path")
+_DISH = ("x_m", "y_m", "height_m", "facing_deg", "tilt_up_deg", "path", "rim_strength")
 LANDMARK_KEYS = (*_DISH, "radius_mm")
 DECOY_KEYS = (*_DISH, "name", "radius_mm", "depth_mm")
 # The file says millimetres where a ruler does.
@@ -72,7 +72,15 @@ def _dish(section: Section, label: str, dish: Dish, *, is_landmark: bool) -> Dis
     vertex = section.number("x_m"), section.number("y_m"), section.number("height_m", 0.5)
     azimuth = float(np.deg2rad(section.number("facing_deg", 180.0)))
     up = float(np.deg2rad(section.number("tilt_up_deg", 0.0, low=-90.0, high=90.0)))
-    return DishObject(label, dish, vertex, (azimuth, up), is_landmark, read_path(section, azimuth))
+    return DishObject(
+        label,
+        dish,
+        vertex,
+        (azimuth, up),
+        is_landmark,
+        read_path(section, azimuth),
+        section.number("rim_strength", RIM_STRENGTH, low=0.0, high=1.0),
+    )
 
 
 def read_object(

@@ -100,8 +100,11 @@ def dish_ways(
         grazing = abs(leaving[2]) / np.linalg.norm(leaving)
         for to_floor, heard in enumerate(hearers):
             bounces = from_floor + to_floor
+            echoes = dish_echoes(
+                item.dish, axis, vertex, source, heard, rim_strength=item.rim_strength
+            )
             parts.append(
-                dish_echoes(item.dish, axis, vertex, source, heard).emitted(
+                echoes.emitted(
                     sin_emission,
                     factor=clear * room.floor_reflection**bounces,
                     roughness_m=bounces * room.floor_roughness_m * grazing,

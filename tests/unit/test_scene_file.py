@@ -112,6 +112,7 @@ def test_an_unknown_key_like_no_other_lists_the_known_ones(scene_file):
         ("decoys: [{radius_mm: -5, depth_mm: 2, x_m: 1, y_m: 0}]\n", "decoys[0]"),
         ("clutter_per_m2: -1\n", "clutter_per_m2"),
         ("clutter_per_m2: 1.0e+14\n", "clutter_per_m2"),
+        ("landmarks: [{radius_mm: 48, x_m: 1, y_m: 0, rim_strength: 2}]\n", "expected 0 to 1"),
         ("seed: -1\n", "seed"),
         ("room: {x_m: [5, -2]}\nclutter_per_m2: 1\n", "room.x_m"),
         ("air: {temperature_c: -400}\n", "air.temperature_c"),
@@ -267,6 +268,19 @@ def test_a_calibrated_response_beside_the_scene_replaces_the_shipped_one(scene_f
     sounds = [PdmDecoder().decode(made.hear(0, NUM_WORDS, CHIRP)).audio for made in (mine, shipped)]
     quiet, loud = (float(np.std(audio[:, 100:900])) for audio in sounds)
     assert quiet < loud / 2
+
+
+def test_a_softly_tapered_rim_is_heard_less_in_the_scene(scene_file):
+    turned = "{radius_mm: 48, x_m: 2, y_m: 0, facing_deg: 95, rim_strength: %g}"
+    sharp, tapered = (
+        load_scene(scene_file(f"landmarks: [{turned % strength}]\n")) for strength in (1.0, 0.0)
+    )
+    k = 2 * np.pi * np.linspace(30e3, 70e3, 200) / 343.0
+    loud, quiet = (
+        np.linalg.norm(made.own_echoes(made.dishes[0], 0).responses[0].body.spectrum(k))
+        for made in (sharp, tapered)
+    )
+    assert quiet < 0.7 * loud
 
 
 @pytest.mark.parametrize(
