@@ -1,4 +1,4 @@
-"""The setting is the process's own, so it is tried in one of its own."""
+"""The settings are the process's own, so they are tried in one of its own."""
 
 import subprocess
 import sys
@@ -35,3 +35,25 @@ def faults(*args):
 def test_memory_that_is_freed_and_taken_again_costs_no_page_faults():
     assert faults() > 1000, "nothing to gain here"
     assert faults("keep") < 100
+
+
+LOADED = """
+import gc
+from ertis_daemon.memory import keep_what_is_loaded
+
+loaded = [[] for _ in range(100_000)]
+keep_what_is_loaded()
+looked_at = len(gc.get_objects())
+loop = []
+loop.append(loop)
+del loop
+print(looked_at, gc.collect())
+"""
+
+
+def test_the_collector_leaves_what_is_loaded_alone_and_goes_on_with_the_rest():
+    command = [sys.executable, "-c", LOADED]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    looked_at, collected = map(int, done.stdout.split())
+    assert looked_at < 1000
+    assert collected == 1

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ertis_daemon.config import Config, SonarConfig
 from ertis_daemon.layers import Sources
+from ertis_daemon.memory import keep_what_is_loaded
 from ertis_daemon.publisher import ZenohPublisher
 from ertis_daemon.serving.about import waiting_info
 from ertis_daemon.serving.commands import Commands
@@ -133,6 +134,7 @@ class Daemon:
             if not is_ready and all(life.is_settled for life in lives):
                 is_ready = True
                 self._notifier.ready()
+                keep_what_is_loaded()
             self._notifier.status(
                 "; ".join(_told(name, life) for name, life in self._lives.items())
             )
