@@ -219,6 +219,8 @@ def test_what_is_wrong_with_one_sonar_ends_that_one_only_and_a_reload_heals_it(
         "b: opened again, for device.address, pose.parent_frame",
         "prometheus: changed, which needs a restart of the daemon",
     ]
+    (reply,) = daemon.ask("ertis/b/cmd/reload")
+    assert reply["said"] == ["prometheus: changed, which needs a restart of the daemon"]
     daemon.wait("b", state="running", pings_heard=2)
     assert daemon.ask("ertis/b/info")[0]["transform"]["child_frame_id"] == "b_sonar"
     assert daemon.status("a")["starts"] == starts

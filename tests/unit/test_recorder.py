@@ -223,6 +223,17 @@ def test_the_oldest_recordings_of_this_sonar_make_room_and_no_other_file(tmp_pat
     assert len(left) == 2 + 4 + 1
 
 
+def test_the_oldest_recordings_make_room_on_a_disk_that_is_nearly_full(tmp_path):
+    for day in (1, 2):
+        with (tmp_path / f"s-2026010{day}T000000.000Z-new.mcap").open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, 64_000_000)
+    disk = os.statvfs(tmp_path)
+    keep_free = disk.f_bavail * disk.f_frsize - 32_000_000
+    folder = RecordingFolder(str(tmp_path), "s", 10**9, keep_free)
+    folder.make_room(folder.new_path("new"), 64_000_000)
+    assert [path.name for path in tmp_path.iterdir()] == ["s-20260102T000000.000Z-new.mcap"]
+
+
 def test_recordings_of_a_clock_that_was_ahead_make_room_as_well(tmp_path):
     for day in range(1, 5):
         write(tmp_path, f"s-2096010{day}T000000.000Z-new.mcap", 1000)

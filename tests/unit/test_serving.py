@@ -3,6 +3,7 @@ import math
 import os
 import socket
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -61,6 +62,25 @@ def test_the_watchdog_is_fed_three_times_in_its_period_by_beats_only(systemd, mo
     notifier.beat()
     notifier.beat()
     assert systemd() == ["WATCHDOG=1", "WATCHDOG=1"]
+
+
+def test_the_watchdog_is_fed_again_well_before_its_period_is_over(systemd, monkeypatch):
+    monkeypatch.setenv("WATCHDOG_USEC", "900000")
+    notifier = Notifier()
+    notifier.beat()
+    time.sleep(0.31)
+    notifier.beat()
+    assert systemd() == ["WATCHDOG=1", "WATCHDOG=1"]
+
+
+def test_a_systemd_without_a_file_for_its_socket_is_told_as_well(monkeypatch):
+    name = f"ertis-test-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(f"\0{name}")
+        listening.settimeout(5.0)
+        monkeypatch.setenv("NOTIFY_SOCKET", f"@{name}")
+        Notifier().ready()
+        assert listening.recv(100) == b"READY=1"
 
 
 def test_the_watchdog_of_another_process_is_not_ours_to_feed(systemd, monkeypatch):
@@ -124,6 +144,18 @@ def test_what_fails_on_one_way_out_still_goes_out_on_the_others():
     assert first.got == third.got == ["event", "closed"]
 
 
+def test_the_first_way_out_is_the_first_to_be_used():
+    order = []
+
+    class Telling(Noting):
+        def publish(self, event):
+            order.append(self)
+
+    first, second = Telling(), Telling()
+    FanOut([first, second]).publish("event")
+    assert order == [first, second]
+
+
 def test_status_goes_out_at_once_when_something_is_new_and_else_once_a_second():
     status, publisher = Status(), Noting()
     reporter = Reporter(status, publisher, lambda: {"routers": 1})
@@ -162,6 +194,16 @@ def test_yaw_looks_left_and_pitch_looks_down(angles, ahead):
 def test_turns_are_about_fixed_axes_roll_first():
     turned = rotated(quaternion(90, 0, 90), [0, 1, 0])  # left goes up by roll, and stays so by yaw
     assert np.allclose(turned, [0, 0, 1])
+
+
+def test_all_three_turns_together_are_their_matrices_product():
+    roll, pitch, yaw = np.radians([20.0, -35.0, 110.0])
+    about_x = [[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]]
+    about_y = [[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]]
+    about_z = [[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
+    whole = np.array(about_z) @ about_y @ about_x
+    for axis in np.eye(3):
+        assert np.allclose(rotated(quaternion(20.0, -35.0, 110.0), axis), whole @ axis)
 
 
 def test_a_pose_without_a_parent_is_no_transform():
