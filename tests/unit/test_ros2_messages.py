@@ -7,8 +7,9 @@ import pytest
 from ros2_rig import MOUNTED, landmark_event, report
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from ertis_daemon.config_read import parse_config
 from ertis_daemon.ros2 import convert, geometry, messages
-from ertis_daemon.ros2.publisher import static_transform
+from ertis_daemon.ros2.publisher import pings_by_itself, static_transform
 
 
 def reader():
@@ -124,6 +125,34 @@ def test_diagnostics_judge_what_happened_since_the_last_status():
         "away, unplugged",
     )
     assert judge(pings_heard=13, state="ended") == (convert.STALE, "ended")
+
+
+def test_no_ping_is_worth_a_warning_only_where_and_when_one_was_to_come():
+    diagnosis = convert.Diagnosis("t")
+
+    def level(**status):
+        return diagnosis.message(status, 0).status[0].level
+
+    assert level(pings_heard=5, ping_rate_hz=7.0) == convert.OK
+    assert level(pings_heard=5, ping_rate_hz=7.0) == convert.OK, "on change, between two pings"
+    assert level(pings_heard=5, ping_rate_hz=0.0) == convert.WARN
+    diagnosis.expects_pings = False
+    assert level(pings_heard=5, ping_rate_hz=0.0) == convert.OK
+
+
+@pytest.mark.parametrize(
+    ("config", "expected"),
+    [
+        (b"{}", True),
+        (b"ping_rate_hz: 2", True),
+        (b"ping_rate_hz: 0.1", False),
+        (b"ping_on: pin1", False),
+        (b"{ping_on: command, zenoh: {commands: true}}", False),
+    ],
+)
+def test_a_sonar_that_pings_when_asked_to_is_not_expected_to_ping(config, expected):
+    (sonar,) = parse_config(config).each_sonar()
+    assert pings_by_itself(sonar.to_json()) is expected
 
 
 def test_diagnostics_tell_every_field_of_the_status():

@@ -266,4 +266,6 @@ def test_a_microphone_is_faulty_after_three_checks_and_well_after_three():
     assert watch.faulty == {"7": "stuck"}
     check(noise(13))
     assert watch.faulty == {}
+    assert check(noise(14) & ~np.uint32(1 << 7)) == (), "one ping is no fault"
+    assert watch.faulty == {}
     assert math.isfinite(watch.noise_dbfs)

@@ -98,11 +98,14 @@ class Diagnosis:
     ----------
     hardware_id : str
         Which one it is: its address.
+    expects_pings : bool
+        Whether hearing none for some seconds is worth a warning: not if others ask for them.
     """
 
     def __init__(self, device: str) -> None:
         self._name = f"ertis: {device}"
         self.hardware_id = ""
+        self.expects_pings = True
         self._before: dict[str, float] = {}
 
     def message(self, status: Mapping[str, Any], time_ns: int) -> Any:
@@ -136,7 +139,9 @@ class Diagnosis:
         if state in _LEVELS:
             words = [state, str(status.get("reason") or "")]
             return _LEVELS[state], ", ".join(filter(None, [*words, *notes]))
-        if more["pings_heard"] <= 0 and not first:
+        # The rate is over some seconds: two messages may stand between two pings.
+        silent = more["pings_heard"] <= 0 and not status.get("ping_rate_hz")
+        if silent and self.expects_pings and not first:
             return WARN, ", ".join(["no ping heard", *notes])
         return (WARN, ", ".join(notes)) if notes else (OK, "listening")
 

@@ -16,6 +16,7 @@ from ertis_daemon.ros2.wire import Qos
 from ertis_driver.frame import PdmFrame
 
 LATEST_10 = Qos(10)  # the default of ROS publishers
+SELDOM_HZ = 0.5  # a status tells the rate over 5 s: of slower ones it may be none
 LATCHED = Qos(1, transient_local=True)  # what /tf_static is
 
 
@@ -59,6 +60,7 @@ class Ros2Publisher:
     def describe(self, info: Mapping[str, Any], effective_config: Mapping[str, Any]) -> None:
         """Take what hardware it is; publish where it sits on the robot if that is new."""
         self._diagnosis.hardware_id = str(info["address"])
+        self._diagnosis.expects_pings = pings_by_itself(effective_config)
         mounting = info.get("transform")
         if mounting and mounting != self._mounting:
             if self._transform is None:
@@ -85,6 +87,12 @@ class Ros2Publisher:
     def close(self) -> None:
         """Take this sonar's topics off the network; the node stays. May be called twice."""
         self._stack.close()
+
+
+def pings_by_itself(config: Mapping[str, Any]) -> bool:
+    """Whether a sonar so configured pings without being asked, and often enough to be missed."""
+    rate_hz = float(config.get("ping_rate_hz", 0.0))
+    return config.get("ping_on", "timer") == "timer" and not 0.0 < rate_hz < SELDOM_HZ
 
 
 def static_transform(mounting: Mapping[str, Any], time_ns: int) -> Any:
