@@ -59,7 +59,6 @@ class WavWriter(Closing):
             raise RecordingError(f"{path} exists: name another file, or remove it") from error
         except OSError as error:
             raise self._failed(error) from error
-        self._data_start = self._file.tell()
 
     def write(self, audio: npt.NDArray[np.float32]) -> None:
         """Add a block, shape (num_channels, num_samples).

@@ -44,11 +44,6 @@ class UsbLink:
         ``VID:PID``, ``VID:PID:SERIAL`` or ``sn=SERIAL``; hex digits, and the serial number as the
         device says it.
 
-    Attributes
-    ----------
-    transfer_errors : int
-        Stalls and overruns that were cleared.
-
     Raises
     ------
     AddressError, DeviceNotFound, DevicePermission, DeviceBusy, WrongDevice
@@ -69,7 +64,6 @@ class UsbLink:
         self._filled = self._large
         self._start = self._end = 0  # what was read and not asked for yet
         self._errors = 0
-        self.transfer_errors = 0
         try:
             self._open()
         except (usb.core.USBError, NotImplementedError) as error:
@@ -211,7 +205,6 @@ class UsbLink:
         if error.errno not in (errno.EPIPE, errno.EOVERFLOW) or self._errors == MAX_ERRORS:
             raise self._lost(error) from error
         self._errors += 1
-        self.transfer_errors += 1
         log.warning("%s: %s: bytes were lost, going on", self._name, error)
         try:
             self._device.clear_halt(endpoint)

@@ -152,6 +152,14 @@ def test_training_needs_truth(tmp_path, capsys):
     assert "no truth" in line
 
 
+def test_a_model_that_cannot_be_written_is_said_before_the_work(tmp_path, capsys):
+    recording = blind(tmp_path / "blind.mcap")  # which would be refused, if it were read
+    line = refusal(capsys, recording, "-o", str(tmp_path / "none" / "m"))
+    assert "none/m: name a file in a folder that exists" in line
+    line = refusal(capsys, recording, "-o", str(tmp_path / "m"), "--workers", "0")
+    assert "--workers 0, expected 1 at least" in line
+
+
 def test_two_chirps_make_no_model(recording, tmp_path, capsys):
     other = blind(tmp_path / "other.mcap", INCUMBENT_CHIRP)
     line = refusal(capsys, str(recording), other, "-o", str(tmp_path / "m"))

@@ -34,6 +34,9 @@ def run(args: argparse.Namespace) -> int:
     """Train, save, and say what cross-validation gave."""
     from ertis_daemon.training import train
     from ertis_detector.model import model_file_name, save_model
+    from ertis_driver.errors import ErtisError
+
+    _check(args)
 
     def show(pings: int) -> None:
         if sys.stderr.isatty():
@@ -43,8 +46,27 @@ def run(args: argparse.Namespace) -> int:
     if sys.stderr.isatty():
         print(file=sys.stderr)
     path = args.output / model_file_name(model.card.chirp) if args.output.is_dir() else args.output
-    save_model(model, path)
+    try:
+        save_model(model, path)
+    except OSError as error:
+        raise ErtisError(f"cannot write {path}: {error.strerror}") from error
     card = model.card
     said = {"model": str(path), "source": card.source, "min_probability": card.min_probability}
     print(json.dumps({**said, **card.figures}))
     return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Fail before the work, not after it.
+
+    Raises
+    ------
+    ErtisError
+        If the model cannot be written, or nobody would work.
+    """
+    from ertis_driver.errors import ErtisError, SettingsError
+
+    if args.workers < 1:
+        raise SettingsError(f"--workers {args.workers}, expected 1 at least")
+    if not args.output.parent.is_dir():
+        raise ErtisError(f"cannot write {args.output}: name a file in a folder that exists")
