@@ -18,6 +18,7 @@ from ertis_simulator.scene import Scene
 from ertis_simulator.scene_file import load_scene
 
 CEILING_HZ = PDM_RATE_HZ / DEFAULT_NUM_WORDS  # 27.5: a frame takes 36.4 ms to listen to
+_ASLEEP_HZ = 0.1  # it is never faster; a sleep that ends late takes a little
 DATASET_S = 600.0  # for the paper's 944 pings on two cores
 _LIVE_PINGS, _LIVE_ROUNDS, _DATASET_PINGS = 20, 7, 14
 
@@ -68,10 +69,13 @@ def _live(name: str, made: Scene) -> None:
     if own is not None:
         os.sched_setaffinity(0, own)
     rate = float(np.median(rates))
-    print(f"  sim:{name}.yaml live: {rate:.1f} pings/s, {1e3 * cpu:.0f} ms CPU each")
     cores = os.cpu_count() or 1
-    for text, reached in ((f"on {cores} cores", rate), ("on two free cores", 2 / cpu)):
-        print_target(f"sim:{name}.yaml {text}, times {CEILING_HZ:.2f}", reached / CEILING_HZ, 1.0)
+    print(
+        f"  sim:{name}.yaml live: {rate:.2f} pings/s ({min(rates):.1f} to {max(rates):.1f}), "
+        f"{rate / CEILING_HZ:.3f} of a real sonar's, {1e3 * cpu:.0f} ms CPU each"
+    )
+    print_target(f"sim:{name}.yaml on {cores} cores, pings/s", rate, CEILING_HZ - _ASLEEP_HZ)
+    print_target(f"sim:{name}.yaml on two free cores, pings/s", 2 / cpu, CEILING_HZ)
 
 
 def _dataset(chirp: np.ndarray) -> None:
