@@ -19,6 +19,7 @@ from ertis_daemon.layers import Sources
 from ertis_daemon.pipeline import build_pipeline
 from ertis_daemon.serving.daemon import Daemon
 from ertis_detector.errors import DetectorError
+from ertis_detector.model import shipped_model
 from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.emulator import Emulator
 from ertis_driver.frame import PdmFrame
@@ -180,12 +181,20 @@ def test_one_sonar_that_dies_and_comes_back_does_not_disturb_the_other(run, cabl
     assert [str(r.ok.key_expr) for r in daemon.session.liveliness().get("ertis/*/alive")]
 
 
-def test_a_device_that_is_missing_at_the_start_is_waited_for(run, cables):
-    daemon = run(f"device: {{name: a, address: 'serial:{cables('a').path}'}}\n")
+def test_a_device_that_is_missing_at_the_start_is_waited_for_with_the_model_at_hand(
+    run, cables, tmp_path
+):
+    model = tmp_path / "mine.safetensors"
+    model.write_bytes(shipped_model(DEFAULT_CHIRP.name).read_bytes())
+    daemon = run(
+        f"device: {{name: a, address: 'serial:{cables('a').path}'}}\n"
+        f"detector: {{model: '{model}'}}\n"
+    )
     status = daemon.wait("a", state="waiting")
     assert status["reason"].startswith("DeviceNotFound: no device at")
     (info,) = daemon.ask("ertis/a/info")
     assert "firmware" not in info
+    model.unlink()  # it was read once, and for all
     cables("a").plug()
     daemon.wait("a", state="running", pings_heard=2)
     (info,) = daemon.ask("ertis/a/info")

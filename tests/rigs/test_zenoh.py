@@ -92,6 +92,17 @@ def reader(publisher, locator):
     session.close()
 
 
+def recovering(session, key, history=None):
+    """A subscriber with a promise: what a burst makes Zenoh drop, it asks for again."""
+    return ext.declare_advanced_subscriber(
+        session,
+        key,
+        zenoh.handlers.FifoChannel(100),
+        history=history,
+        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    )
+
+
 def drain(subscriber, count):
     got = []
 
@@ -146,12 +157,8 @@ def test_a_plain_subscriber_gets_events_that_fit_the_served_schema(publisher, re
 def test_a_late_joiner_with_history_gets_the_last_32(publisher, reader):
     for index in range(40):
         publisher.publish(event(index))
-    subscriber = ext.declare_advanced_subscriber(
-        reader,
-        "ertis/*/landmarks",
-        zenoh.handlers.FifoChannel(100),
-        history=ext.HistoryConfig(detect_late_publishers=True),
-        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    subscriber = recovering(
+        reader, "ertis/*/landmarks", ext.HistoryConfig(detect_late_publishers=True)
     )
     samples = drain(subscriber, 32)
     indices = [json.loads(s.payload.to_bytes())["ping_index"] for s in samples]
@@ -205,8 +212,8 @@ def test_the_service_publishes_what_a_serial_sonar_hears(publisher, reader, emul
         def process(self, frame):
             return Heard([Track()])
 
-    subscriber = reader.declare_subscriber("ertis/t/landmarks", zenoh.handlers.FifoChannel(100))
-    time.sleep(0.3)
+    subscriber = recovering(reader, "ertis/t/landmarks")
+    hear_first(publisher, subscriber)
     config = Config(device=DeviceConfig(name="t"), num_words=32_768, max_pings=5)
     sonar = open_device(f"serial:{emulator.path}")
     sonar.configure(config.settings())
