@@ -6,7 +6,7 @@ import threading
 import time
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ertis_driver.device import Settings
@@ -48,7 +48,7 @@ def read_all(link):
         yield met
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60)
 @given(data=st.binary(min_size=0, max_size=3000))
 def test_a_port_that_hangs_up_after_any_byte_is_lost_and_its_descriptor_closed(data):
     opened = OpenedLink()
