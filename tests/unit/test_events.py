@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import math
+import time
 from pathlib import Path
 
 import jsonschema
@@ -115,6 +116,14 @@ def test_every_field_has_a_description():
     schema = json_schema()
     items = schema["properties"]["landmarks"]["items"]["properties"]
     assert all(p["description"] for p in [*schema["properties"].values(), *items.values()])
+
+
+def test_the_ping_rate_is_that_of_the_last_seconds():
+    status, now_s = Status(), time.monotonic()
+    assert status.ping_rate_hz() == 0.0
+    status.heard_s.extend(now_s - 60.0 + 0.01 * n for n in range(20))  # long ago, and faster
+    status.heard_s.extend(now_s - 2.0 + 0.25 * n for n in range(9))
+    assert status.ping_rate_hz() == 4.0
 
 
 def test_percentiles_are_those_of_the_last_latencies():
