@@ -247,6 +247,15 @@ def test_events_become_a_table(recording, tmp_path, capsys):
     assert (row["probability"], row["azimuth_deg"], row["elevation_deg"]) == ("0.75", "30.0", "")
 
 
+def test_a_table_of_a_damaged_recording_is_none(recording, tmp_path, capsys):
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(recording.read_bytes()[:-400_000])
+    out = tmp_path / "events.csv"
+    assert main(["convert", str(torn), str(out)]) == 1
+    assert "torn.mcap" in capsys.readouterr().err
+    assert list(tmp_path.glob("events.csv*")) == []
+
+
 def test_a_wav_holds_the_audio_of_each_ping(recording, tmp_path, capsys):
     from scipy.io import wavfile
 

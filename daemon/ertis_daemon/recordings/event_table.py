@@ -25,9 +25,12 @@ def write_event_table(path: Path, output: Path) -> int:
     RecordingError
         If the recording has no events, or a file cannot be read or written.
     """
+    if output.exists():
+        raise RecordingError(f"{output} exists: name another file, or remove it")
+    part = output.with_name(output.name + ".part")
     rows = 0
     try:
-        with output.open("x", newline="", encoding="utf-8") as file:
+        with part.open("w", newline="", encoding="utf-8") as file:
             table = csv.writer(file)
             table.writerow(COLUMNS)
             for entry in read_entries(path):
@@ -36,14 +39,15 @@ def write_event_table(path: Path, output: Path) -> int:
                     found = [_row(event, item) for item in event["landmarks"]]
                     table.writerows(found)
                     rows += len(found)
-    except FileExistsError as error:
-        raise RecordingError(f"{output} exists: name another file, or remove it") from error
+        if rows:
+            part.replace(output)
     except OSError as error:
         raise RecordingError(f"cannot write {output}: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise RecordingError(f"{path} holds an event that is none of ours: {error!r}") from error
+    finally:
+        part.unlink(missing_ok=True)
     if not rows:
-        output.unlink()
         raise RecordingError(
             f"{path} holds no events: `ertis detect {path} --json` makes them, the daemon records "
             "them"
