@@ -41,6 +41,7 @@ class ReplayPace:
         self._pings = _forever(recording) if loop else iter(recording)
         self._due: RecordedPing | None = None
         self._start: tuple[float, int] | None = None  # monotonic s, recorded ns
+        self._steps_ns = 0  # by which the clock was set while it was recorded
 
     def peek(self) -> RecordedPing | None:
         """The next ping, whether due or not; None after the last.
@@ -52,6 +53,8 @@ class ReplayPace:
         """
         if self._due is None:
             self._due = next(self._pings, None)
+            if self._due is not None:
+                self._steps_ns += self._due.frame.clock_step_ns
         return self._due
 
     def left_s(self) -> float:
@@ -59,7 +62,7 @@ class ReplayPace:
         ping = self.peek()
         if ping is None or self._rate is None:
             return 0.0
-        now_s, recorded_ns = time.monotonic(), ping.frame.ping_time_ns
+        now_s, recorded_ns = time.monotonic(), ping.frame.ping_time_ns - self._steps_ns
         if self._start is None:
             self._start = now_s, recorded_ns
         started_s, first_ns = self._start
@@ -89,7 +92,7 @@ def _forever(recording: Recording) -> Iterator[RecordedPing]:
                 # Of a single ping, until the next may begin.
                 period_ns = round(ping.frame.words.size / ping.frame.pdm_rate_hz * 1e9)
             else:
-                period_ns = time_ns - (last_ns or 0)
+                period_ns = time_ns - (last_ns or 0) - ping.frame.clock_step_ns
             last_ns = time_ns
             frame = dataclasses.replace(ping.frame, ping_time_ns=time_ns + shift_ns)
             yield dataclasses.replace(ping, frame=frame)

@@ -1,5 +1,6 @@
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -50,6 +51,23 @@ def test_half_the_rate_takes_twice_the_time(recording):
     started_s = time.monotonic()
     pings_of(f"replay:{recording}?rate=0.5", 3)
     assert time.monotonic() - started_s >= 4 * PERIOD_NS / 1e9
+
+
+@pytest.mark.parametrize("step_s", [3600, -3600])
+def test_a_clock_that_was_set_while_it_was_recorded_is_not_waited_for(tmp_path, step_s):
+    step_ns = step_s * 10**9
+    with RecordingWriter(tmp_path / "a.mcap", INFO) as writer:
+        for index in range(4):
+            frame = make_frame(index)
+            if index >= 2:
+                frame = replace(frame, ping_time_ns=frame.ping_time_ns + step_ns)
+            writer.write(replace(frame, clock_step_ns=step_ns if index == 2 else 0))
+    started_s = time.monotonic()
+    frames = pings_of(f"replay:{tmp_path / 'a.mcap'}?rate=1&loop=1", 9)
+    assert 8 * PERIOD_NS / 1e9 <= time.monotonic() - started_s < 100.0
+    set_by_ns = np.cumsum([frame.clock_step_ns for frame in frames])
+    steps = np.diff([frame.ping_time_ns for frame in frames] - set_by_ns)
+    assert set(steps.tolist()) == {PERIOD_NS}
 
 
 def test_a_file_whose_name_holds_a_question_mark_is_that_file(tmp_path):
