@@ -24,9 +24,6 @@ log = logging.getLogger(__name__)
 MAX_FOLLOWED = 24  # announced or not; a detector proposes eight a ping
 MAX_TAKEN = 16  # detections of one ping, the most probable first
 _SILENT = math.log(0.05)  # so improbable a silence ends a track
-# Ville's bound is some twelve times what happens, as most tracks are short and likelihood ratios
-# jump; so much of it is given back (tests/bench/tracker.py measures what is left).
-_SLACK = 2.0
 _GIVEN_UP = math.log(1e-3)  # so improbable a landmark is not followed further
 _WITHDRAWN = math.log(0.1)  # an announced one so improbable is lost
 
@@ -76,7 +73,7 @@ class TrackerSettings:
         N false alarms an hour N / A are announced at most.
         """
         alarms = rates.false_alarms_per_ping * self.ping_rate_hz * S_PER_HOUR
-        return max(math.log(alarms / (self.max_false_events_per_hour / 2)) - _SLACK, 0.0)
+        return max(math.log(alarms / (self.max_false_events_per_hour / 2)), 0.0)
 
     @property
     def least_size_probability(self) -> float:

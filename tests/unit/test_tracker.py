@@ -107,7 +107,7 @@ def test_the_threshold_is_the_alarms_an_hour_over_those_allowed():
     often = DetectorRates(false_alarms_per_ping=0.1)
     more = settings.least_existence(often) - settings.least_existence(rare)
     assert more == pytest.approx(math.log(10.0))
-    assert settings.least_existence(rare) == pytest.approx(math.log(360.0) - 2.0)
+    assert settings.least_existence(rare) == pytest.approx(math.log(360.0))
     assert settings.least_size_probability == pytest.approx(1 - 1 / 60)
 
 
