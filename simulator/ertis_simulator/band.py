@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -11,7 +12,7 @@ import scipy.fft
 
 from ertis_driver.frame import AUDIO_RATE_HZ
 from ertis_simulator.echo_kernels import HALF_BAND, NUM_POLYNOMIALS
-from ertis_simulator.transducer import SensorResponse
+from ertis_simulator.sensor_response import SensorResponse
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -67,7 +68,8 @@ class Band:
         low, high = band_hz(chirp, sensor)
         fitting = [d for d in _DECIMATIONS if 2 * HALF_BAND * AUDIO_RATE_HZ / d >= high - low]
         decimation = max(fitting, default=_DECIMATIONS[0])
-        total = num_samples + max(_ROOM, chirp.size + 64)
+        longest = chirp.size + math.ceil(sensor.longest_delay_s * AUDIO_RATE_HZ)
+        total = num_samples + max(_ROOM, longest + 64)
         length = 2 * scipy.fft.next_fast_len(-(-total // (2 * decimation)))
         half = HALF_BAND * AUDIO_RATE_HZ / decimation
         centre = max((low + high) / 2, half + WIDEST_HZ[0] / 2)
@@ -100,7 +102,7 @@ class Band:
         """Spectrum of the chirp as the sensor gives it, at ``bins``."""
         bins = self.bins
         frequency_hz = np.asarray(bins * (AUDIO_RATE_HZ / self.fft_size), np.float64)
-        shape = self.sensor.amplitude(frequency_hz)
+        shape = self.sensor.response(frequency_hz)
         return np.asarray(scipy.fft.rfft(self.chirp, self.fft_size)[bins] * shape, np.complex64)
 
     @cached_property

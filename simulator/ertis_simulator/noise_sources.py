@@ -16,8 +16,8 @@ import scipy.fft
 
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
 from ertis_driver.frame import AUDIO_RATE_HZ
+from ertis_simulator.sensor_response import shipped_response
 from ertis_simulator.spectrum_kernels import add_plane_wave
-from ertis_simulator.transducer import shipped_response
 
 FloatArray = npt.NDArray[np.float64]
 

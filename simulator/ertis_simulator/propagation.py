@@ -17,7 +17,8 @@ from ertis_detector.piston import piston_pattern
 from ertis_simulator.band import Band
 from ertis_simulator.echo_kernels import HALF_BAND, impulse_table, place_echoes
 from ertis_simulator.echoes import Echoes, Response
-from ertis_simulator.transducer import AMPLITUDE_AT_1M, SensorResponse, shipped_response
+from ertis_simulator.sensor_response import SensorResponse, shipped_response
+from ertis_simulator.transducer import AMPLITUDE_AT_1M
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex64]

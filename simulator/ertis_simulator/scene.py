@@ -28,7 +28,8 @@ from ertis_simulator.objects import DishObject, Thing, stand_for
 from ertis_simulator.path import Path, Pose
 from ertis_simulator.propagation import add_echoes, add_trains, render
 from ertis_simulator.room import Room
-from ertis_simulator.transducer import SensorResponse, direct_path, shipped_response
+from ertis_simulator.sensor_response import SensorResponse, shipped_response
+from ertis_simulator.transducer import direct_path
 from ertis_simulator.truth import fragment_span, own_to_rest_db, seen_dish, seen_thing
 from ertis_simulator.ways import Shadows, dish_ways
 

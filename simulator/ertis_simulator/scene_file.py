@@ -24,7 +24,7 @@ from ertis_simulator.scene_items import (
     read_object,
     read_path,
 )
-from ertis_simulator.transducer import SensorResponse, shipped_response
+from ertis_simulator.sensor_response import SensorResponse, shipped_response
 from ertis_simulator.yaml_section import MAX_SCENE_BYTES, Section, read_yaml
 
 __all__ = ["MAX_SCENE_BYTES", "load_scene"]

@@ -1,20 +1,14 @@
-"""The emitter: response on axis (with the microphones'), loudness, direct path, ring-down."""
+"""The emitter: loudness, direct path, ring-down; its response is in ``sensor_response``."""
 
 from __future__ import annotations
 
 import itertools
-import math
-from dataclasses import dataclass
-from functools import cache
-from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from ertis_detector.piston import PISTON_RADIUS_M
 from ertis_simulator.echoes import Echoes
-from ertis_simulator.errors import SceneError
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -25,8 +19,6 @@ AMPLITUDE_AT_1M = 2.2
 # Beside itself the emitter is weaker than a piston in an endless baffle: by this much the direct
 # path of the real ping is met at 46 kHz, where its chirp is strong.
 DIRECT_PATH_DB = -4.4
-MAX_RESPONSE_BYTES = 1_000_000
-MAX_LEVEL_DB = 200.0
 
 # After the direct path the housing rings, falling fast for 1 ms, then slowly: energy per ms against
 # the emission at 1 m at 50 kHz, less DIRECT_PATH_DB, read off one real ping. It is stronger at low
@@ -38,85 +30,6 @@ _RING_DOWN_TAPS = 400
 _BESIDE = 10 ** (DIRECT_PATH_DB / 20)
 _REFERENCE_K = 2 * np.pi * 50e3 / 343.0
 _PISTON_RINGS = 8  # 1.6 mm apart: under half a wavelength up to 100 kHz
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SensorResponse:
-    """Response of transducer and microphones together, on axis.
-
-    frequency_hz : float64, shape (n,)
-        Rising.
-    level_db : float64, shape (n,)
-        Against ``AMPLITUDE_AT_1M``; the shipped one is 0 at 50 kHz.
-    """
-
-    frequency_hz: FloatArray
-    level_db: FloatArray
-
-    def amplitude(self, frequency_hz: FloatArray) -> FloatArray:
-        """Amplitude at frequencies of any shape, interpolated in dB, constant outside."""
-        return np.asarray(10 ** (np.interp(frequency_hz, self.frequency_hz, self.level_db) / 20))
-
-    @classmethod
-    def read(cls, path: Path) -> SensorResponse:
-        """A calibration: CSV with columns ``frequency_hz,level_db``; ``#`` begins a comment.
-
-        Raises
-        ------
-        SceneError
-            If the file cannot be read or holds no such table.
-        """
-        try:
-            if path.stat().st_size > MAX_RESPONSE_BYTES:
-                raise SceneError(
-                    f"{path}: larger than {MAX_RESPONSE_BYTES} bytes: that is no sensor response"
-                )
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "is not text"
-            raise SceneError(f"sensor response {path}: {reason}") from error
-        return cls._parse(text, str(path))
-
-    @classmethod
-    def _parse(cls, text: str, name: str) -> SensorResponse:
-        rows: list[tuple[float, float]] = []
-        for number, line in enumerate(text.splitlines(), 1):
-            kept = line.split("#")[0].strip()
-            if kept and kept.replace(" ", "") != _HEADER:
-                rows.append(_row(kept, rows, f"{name}:{number}"))
-        if len(rows) < 2:
-            raise SceneError(
-                f"{name}: met {len(rows)} rows, expected two rows or more of {_HEADER}"
-            )
-        frequency_hz, level_db = np.array(rows).T
-        return cls(frequency_hz, level_db)
-
-
-def _row(line: str, before: list[tuple[float, float]], where: str) -> tuple[float, float]:
-    """One line of a calibration."""
-    try:
-        frequency_hz, level_db = (float(cell) for cell in line.split(","))
-    except ValueError as error:
-        told = f"{where}: met {line[:40]!r}, expected rows like 50000,0 under {_HEADER}"
-        raise SceneError(told) from error
-    if not (math.isfinite(frequency_hz) and abs(level_db) <= MAX_LEVEL_DB):
-        expected = f"expected finite numbers, levels within {MAX_LEVEL_DB:g} dB"
-        raise SceneError(f"{where}: met {line[:40]!r}, {expected}")
-    lowest = before[-1][0] if before else -1.0
-    if frequency_hz < 0 or frequency_hz <= lowest:
-        expected = "expected frequencies rising from 0 Hz on"
-        raise SceneError(f"{where}: met {frequency_hz:g} Hz after {max(lowest, 0):g}, {expected}")
-    return frequency_hz, level_db
-
-
-_HEADER = "frequency_hz,level_db"
-
-
-@cache
-def shipped_response() -> SensorResponse:
-    """The response in ``data/sensor_response.csv``, which names its sources."""
-    file = resources.files("ertis_simulator") / "data/sensor_response.csv"
-    return SensorResponse._parse(file.read_text(encoding="utf-8"), file.name)
 
 
 def direct_path(

@@ -12,7 +12,7 @@ from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.landmark import Dish, dish_echoes
 from ertis_simulator.propagation import render
-from ertis_simulator.transducer import shipped_response
+from ertis_simulator.sensor_response import shipped_response
 
 SAMPLES = DEFAULT_CHIRP.samples(AUDIO_RATE_HZ)
 SENSOR = (shipped_response().frequency_hz, shipped_response().level_db)

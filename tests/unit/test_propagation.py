@@ -11,7 +11,8 @@ from ertis_simulator.band import Band
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.landmark import Dish, dish_echoes
 from ertis_simulator.propagation import render
-from ertis_simulator.transducer import AMPLITUDE_AT_1M, shipped_response
+from ertis_simulator.sensor_response import shipped_response
+from ertis_simulator.transducer import AMPLITUDE_AT_1M
 
 RATE_HZ, NUM_SAMPLES = 450e3, 16_384
 AIR = Air(20.0, 50.0)

@@ -8,12 +8,9 @@ from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.errors import SceneError
 from ertis_simulator.propagation import render
-from ertis_simulator.transducer import (
-    DIRECT_PATH_DB,
-    SensorResponse,
-    direct_path,
-    shipped_response,
-)
+from ertis_simulator.sensor_response import SensorResponse, shipped_response
+from ertis_simulator.transducer import DIRECT_PATH_DB, direct_path
+from ertis_simulator.validation.measure import group_delay
 
 C_M_S = 343.2
 EMITTER, MICS = np.array(EMITTER_POSITION_M), mic_positions_m()
@@ -82,6 +79,22 @@ def test_a_calibration_replaces_the_shipped_response(tmp_path):
         assert ratio[at] == pytest.approx(expected, rel=0.02)
 
 
+def test_a_calibration_with_delays_is_heard_later_where_it_says(tmp_path):
+    path = tmp_path / "late.csv"
+    rows = "20000,0,0\n36000,0,0\n40000,0,60\n80000,0,60\n"
+    path.write_text("frequency_hz,level_db,delay_us\n" + rows)
+    late = SensorResponse.read(path)
+    assert late.longest_delay_s == pytest.approx(60e-6)
+    chirp, air, path_m = INCUMBENT_CHIRP.samples(450e3), Air(20.0, 50.0), np.full(4, 3.0)
+    heard = render(
+        Echoes.of(path_m, 1 / path_m), air, chirp, 16_384, np.ones(4, np.complex64), late
+    )
+    bands_hz = ((28e3, 35e3), (42e3, 49e3))
+    found = [group_delay(heard, chirp, path_m, air, band) for band in bands_hz]
+    assert found[0] == pytest.approx(0.0, abs=1e-6)
+    assert found[1] == pytest.approx(60e-6, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -94,7 +107,10 @@ def test_a_calibration_replaces_the_shipped_response(tmp_path):
         ("50000,0\n60000,1e9\n", r"odd\.csv:2: .* within 200 dB"),
         ("50000,loud\n60000,0\n", r"odd\.csv:1: met '50000,loud', expected rows like"),
         ("50000,0\n60000\n", r"odd\.csv:2: met '60000', expected rows like"),
-        ("50000,0,1\n60000,0,1\n", r"odd\.csv:1: .* rows like"),
+        ("50000,0,1,1\n60000,0,1,1\n", r"odd\.csv:1: .* rows like"),
+        ("50000,0,1\n60000,0\n", r"odd\.csv:2: .* rows like"),
+        ("50000,0,-1\n60000,0,1\n", r"odd\.csv:1: .* delays from 0 to 1000 us"),
+        ("50000,0,1\n60000,0,nan\n", r"odd\.csv:2: .* delays from 0"),
     ],
 )
 def test_a_calibration_that_is_none_says_why(tmp_path, text, told):

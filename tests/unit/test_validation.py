@@ -82,8 +82,8 @@ def test_a_band_that_rings_later_is_found_to_be_as_late_as_it_is():
     turn = np.exp(-2j * np.pi * np.cumsum(delay_s, axis=1) * frequency_hz[1])
     audio = np.fft.irfft(np.fft.rfft(chirp, size) * turn, size).astype(np.float32)
     found = [group_delay(audio, chirp, path_m, AIR, band) for band in ((36e3, 41e3), (47e3, 50e3))]
-    assert found[0] == pytest.approx(0.0, abs=4e-6)
-    assert found[1] == pytest.approx(late_s, abs=6e-6)
+    assert found[0] == pytest.approx(0.0, abs=1e-6)
+    assert found[1] == pytest.approx(late_s, abs=2e-6)
 
 
 def test_bits_and_runs_are_counted_by_microphone():

@@ -21,7 +21,7 @@ from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
 from ertis_driver.frame import AUDIO_RATE_HZ
 from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.landmark import Dish, dish_echoes
-from ertis_simulator.transducer import shipped_response
+from ertis_simulator.sensor_response import shipped_response
 from ertis_simulator.truth import FRAGMENT_SAMPLES
 
 Float = npt.NDArray[np.float64]

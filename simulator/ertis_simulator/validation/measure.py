@@ -98,10 +98,12 @@ def echo_shape(
     return np.asarray(level + air.absorption_db_m(centres_hz) * path_m.mean())
 
 
-def _gated(spectrum: npt.NDArray[np.complex128], gate_s: float) -> npt.NDArray[np.complex128]:
-    """Keep what lies around zero delay."""
+def _gated(
+    spectrum: npt.NDArray[np.complex128], gate_s: float, flat: float = 0.0
+) -> npt.NDArray[np.complex128]:
+    """Keep what lies around zero delay; that part of the gate is flat, the rest tapers."""
     half = round(gate_s * AUDIO_RATE_HZ)
-    window, taper = np.zeros(_FFT), np.hanning(2 * half)
+    window, taper = np.zeros(_FFT), scipy.signal.windows.tukey(2 * half, 1 - flat)
     window[:half], window[-half:] = taper[half:], taper[:half]
     return np.asarray(scipy.fft.rfft(scipy.fft.irfft(spectrum, _FFT) * window))
 
@@ -116,7 +118,8 @@ def group_delay(
 ) -> float:
     """By how much one echo's band comes later than its path, s; louder frequencies count more."""
     band = (band_hz[0] < FREQUENCY_HZ) & (band_hz[1] > FREQUENCY_HZ)
-    heard = _gated(aligned(audio, chirp, path_m, air), gate_s)[:, band]
+    # A taper over all of the gate would draw what is late toward its middle.
+    heard = _gated(aligned(audio, chirp, path_m, air), gate_s, flat=0.75)[:, band]
     turn = np.sum(heard[:, 1:] * np.conj(heard[:, :-1]))
     return float(-np.angle(turn) / (2 * np.pi * FREQUENCY_HZ[1]))
 

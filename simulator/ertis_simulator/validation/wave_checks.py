@@ -14,7 +14,8 @@ from ertis_driver.geometry import EMITTER_POSITION_M, mic_positions_m
 from ertis_simulator.echoes import Echoes
 from ertis_simulator.microphone import to_pdm
 from ertis_simulator.propagation import render
-from ertis_simulator.transducer import AMPLITUDE_AT_1M, shipped_response
+from ertis_simulator.sensor_response import shipped_response
+from ertis_simulator.transducer import AMPLITUDE_AT_1M
 from ertis_simulator.validation.check import Check
 
 FloatArray = npt.NDArray[np.float64]
