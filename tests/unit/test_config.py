@@ -221,7 +221,7 @@ def test_each_layer_wins_over_the_one_before_key_by_key(layered):
         system="device: {name: a, address: 'sim:a'}\nqueue_size: 1\nmax_pings: 1\nnum_words: 32768",
         user="device: {name: b}\nqueue_size: 2\nmax_pings: 2",
         named="queue_size: 3\nmax_pings: 3",
-        environment={"ERTIS_QUEUE_SIZE": "4", "ERTIS_DEVICE__FRAME_ID": "", "HOME": "/nowhere"}
+        environment={"ERTIS_QUEUE_SIZE": "4", "ERTIS_MAX_PINGS": "8", "HOME": "/nowhere"}
         | {"ERTIS_DEVICE__FRAME_ID": "on", "ERTIS_ZENOH__CONNECT": "[tcp/a:1, tcp/b:2]"},
         flags={"max_pings": "9"},
     )
