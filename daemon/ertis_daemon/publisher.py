@@ -91,6 +91,7 @@ class ZenohPublisher(Closing):
             "time_uncertainty_ns": frame.time_uncertainty_ns,
             "active": frame.active,
             "pdm_rate_hz": frame.pdm_rate_hz,
+            "clock_step_ns": frame.clock_step_ns,
         }
         self._raw.put(encode_frame(frame.ping_index, frame.words), attachment=dump_json(about))
 

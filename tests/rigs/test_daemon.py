@@ -329,7 +329,8 @@ def test_a_raw_frame_is_what_the_device_sent_and_only_goes_to_who_listens(run, c
     about = json.loads(sample.attachment.to_bytes())
     raw = decode_frame(sample.payload.to_bytes())
     assert about["ping_index"] == raw.index
-    assert about["active"] is True
+    frame = PdmFrame(raw.words, **about)
+    assert (frame.active, frame.pdm_rate_hz, frame.clock_step_ns) == (True, 4_500_000, 0)
     assert sample.priority == zenoh.Priority.BACKGROUND
     rng = np.random.default_rng(raw.index)
     assert np.array_equal(raw.words, rng.integers(0, 2**32, NUM_WORDS, dtype=np.uint32))
