@@ -22,16 +22,18 @@ def summarize(about: dict, samples: list[dict]) -> str:
     took_s = last["t_s"] - first["t_s"]
     user_s, system_s, busy_s = (last[k] - first[k] for k in ("user_s", "system_s", "busy_s"))
     core = (user_s + system_s) / took_s
-    floor = about["floor"]
+    floor, is_paced = about["floor"], bool(about["rate_hz"])
+    latest = f"p99 <= {LATENCY_MS:g}" * is_paced
     lines = [
         f"{last['pings_heard']} pings in {last['t_s']:.0f} s ({pings / took_s:.1f} a second), "
-        f"{last['events']} events of which {len(reader)} reached the reader; lost "
+        f"{len(reader)} events read; lost "
         f"{last['pings_lost']}, dropped {last['queue_drops']}, failed {last['pings_failed']}, "
         f"timeouts {last['timeouts']}",
         f"all processes of the machine together: {busy_s / took_s:.2f} cores in the mean",
+        *(() if is_paced else ("as fast as it goes, a ping waits for those before it",)),
         ROW.format("", "seen", "asked"),
         ROW.format("last byte to publication, ms", percentiles(published), ""),
-        ROW.format("last byte to reader, ms", percentiles(reader), f"p99 <= {LATENCY_MS:g}"),
+        ROW.format("last byte to reader, ms", percentiles(reader), latest),
         ROW.format("trigger to reader, ms", percentiles(trigger), ""),
         ROW.format(
             f"last byte to reader within {LATENCY_MS:g} ms",
@@ -42,7 +44,7 @@ def summarize(about: dict, samples: list[dict]) -> str:
             "processor, of a core",
             f"{core:.2f} ({1e3 * user_s / pings:.1f} user + {1e3 * system_s / pings:.1f} system ms "
             "a ping)",
-            f"<= {CORE:g}" if about["rate_hz"] else "",
+            f"<= {CORE:g}" * is_paced,
         ),
         ROW.format(
             "  a bare reader of the same bytes, ms a ping",
@@ -102,6 +104,11 @@ def draw(about: dict, samples: list[dict], path: Path) -> None:
     _, reader, _ = _latencies(told)
     _draw_latencies(axes[0, 0], told)
     _draw_histogram(axes[0, 1], reader)
+    if about["rate_hz"]:  # else a ping waits for those before it
+        axes[0, 0].axhline(LATENCY_MS, color="tab:red", ls="--", lw=1, label="p99 asked for")
+        axes[0, 1].axvline(LATENCY_MS, color="tab:red", ls="--", lw=1, label="p99 asked for")
+    for axis in axes[0]:
+        axis.legend(fontsize="small")
     cpu = np.array([one["user_s"] + one["system_s"] for one in told])
     axes[1, 0].plot(minutes[1:], np.diff(cpu) / np.diff(60 * minutes), lw=0.8)
     if about["rate_hz"]:
@@ -126,9 +133,7 @@ def _draw_latencies(axis, told: list[dict]) -> None:
     each = [[ms for _, ms, _ in one["heard"]] for one in some]
     axis.plot(minutes, [max(ms) for ms in each], ".", ms=2, label="greatest of each second")
     axis.plot(minutes, [np.median(ms) for ms in each], lw=0.8, label="median of each second")
-    axis.axhline(LATENCY_MS, color="tab:red", ls="--", lw=1, label="p99 asked for")
     axis.set(xlabel="minutes", ylabel="last byte to reader, ms", yscale="log")
-    axis.legend(fontsize="small")
 
 
 def _draw_histogram(axis, latencies_ms: np.ndarray) -> None:
@@ -136,9 +141,7 @@ def _draw_histogram(axis, latencies_ms: np.ndarray) -> None:
         least, most = max(latencies_ms.min(), 0.1), latencies_ms.max()
         axis.hist(latencies_ms, bins=np.geomspace(0.95 * least, 1.05 * most, 150), log=True)
         axis.axvline(np.percentile(latencies_ms, 99), color="k", lw=1, label="p99")
-    axis.axvline(LATENCY_MS, color="tab:red", ls="--", lw=1, label="p99 asked for")
     axis.set(xlabel="last byte to reader, ms", ylabel="events", xscale="log")
-    axis.legend(fontsize="small")
 
 
 def _latencies(told: list[dict]) -> np.ndarray:
