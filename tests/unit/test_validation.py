@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from ertis_daemon.cli import main
-from ertis_driver.chirp import INCUMBENT_CHIRP
-from ertis_driver.frame import AUDIO_RATE_HZ
+from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
+from ertis_driver.frame import AUDIO_RATE_HZ, DEFAULT_NUM_WORDS
+from ertis_driver.recording import RecordingInfo, RecordingWriter
 from ertis_simulator.errors import SceneError
 from ertis_simulator.validation import air_checks, dish_checks, pdm_checks, wave_checks
 from ertis_simulator.validation.check import Check, as_row
@@ -156,6 +157,19 @@ def test_validate_rewrites_a_page_draws_and_succeeds(tmp_path, capsys):
     (drawn,) = (tmp_path / "img").iterdir()
     assert drawn.name == "validation_chain.png"
     assert 20_000 < drawn.stat().st_size < 300_000
+
+
+def test_a_page_or_a_ping_that_is_not_there_is_one_line_before_the_work(tmp_path, capsys):
+    assert main(["validate", "--page", str(tmp_path / "none.md")]) == 1
+    empty = tmp_path / "empty.mcap"
+    with RecordingWriter(empty, RecordingInfo("live", DEFAULT_CHIRP, DEFAULT_NUM_WORDS)):
+        pass
+    assert main(["validate", "--real", str(empty)]) == 1
+    told = capsys.readouterr()
+    assert told.out == ""
+    page, ping = told.err.splitlines()
+    assert "cannot rewrite" in page
+    assert "holds no ping" in ping
 
 
 def test_the_page_tells_todays_figures(waves):

@@ -42,6 +42,9 @@ def run(args: argparse.Namespace) -> int:
     from ertis_simulator.validation.real_ping import compare, figures, pooled
     from ertis_simulator.validation.twin import twin
 
+    # What is wrong with a file is said before the minutes that this takes.
+    page = None if args.page is None else _page(args.page)
+    real_words = None if args.real is None else _real_words(args.real)
     groups = {
         "dish": dish_checks,
         "air": air_checks,
@@ -55,9 +58,7 @@ def run(args: argparse.Namespace) -> int:
     }
     tables = {name: checks_table(found) for name, found in checks.items()}
     failed = sum(not check.agrees for found in checks.values() for check in found)
-    real_words = None
-    if args.real is not None:
-        real_words = _real_words(args.real)
+    if real_words is not None:
         real = figures(real_words)
         simulated = pooled([figures(twin(seed)) for seed in range(TWINS)])
         rows = compare(real, simulated)
@@ -69,8 +70,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         for table in tables.values():
             print(table, end="\n\n")
-    if args.page is not None:
-        page = args.page.read_text(encoding="utf-8")
+    if page is not None:
         for name, table in tables.items():
             page = fill(page, name, table)
         args.page.write_text(page, encoding="utf-8")
@@ -78,6 +78,23 @@ def run(args: argparse.Namespace) -> int:
         drawn = None if real_words is None else (real_words, real, simulated)
         _draw(args.images, drawn)
     return 1 if failed else 0
+
+
+def _page(path: Path) -> str:
+    """A page that can be rewritten.
+
+    Raises
+    ------
+    ErtisError
+        If it cannot.
+    """
+    from ertis_driver.errors import ErtisError
+
+    try:
+        with path.open("r+", encoding="utf-8") as file:
+            return file.read()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ErtisError(f"cannot rewrite {path}: {error}") from error
 
 
 def _real_words(path: Path) -> npt.NDArray[np.uint32]:
@@ -91,7 +108,10 @@ def _real_words(path: Path) -> npt.NDArray[np.uint32]:
     from ertis_driver.frame import DEFAULT_NUM_WORDS
     from ertis_driver.recording import open_recording
 
-    words = next(iter(open_recording(path))).frame.words
+    first = next(iter(open_recording(path)), None)
+    if first is None:
+        raise RecordingError(f"{path} holds no ping, expected a real one")
+    words = first.frame.words
     if words.size != DEFAULT_NUM_WORDS:
         raise RecordingError(
             f"{path}: frames of {words.size} words, expected the default {DEFAULT_NUM_WORDS}"
