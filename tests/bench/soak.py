@@ -60,7 +60,7 @@ def run(folder: Path, args: argparse.Namespace) -> None:
         start_s = due_s = time.monotonic()
         while daemon.is_running:
             due_s = max(due_s + 1.0, time.monotonic())
-            time.sleep(due_s - time.monotonic())
+            time.sleep(max(0.0, due_s - time.monotonic()))
             now_s = time.monotonic() - start_s
             status = subscriber.status()
             sample = {"t_s": now_s, **machine(), **daemon.usage(), **status}
