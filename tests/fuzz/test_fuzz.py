@@ -36,7 +36,7 @@ def test_coverage_leads_the_fuzzer_to_a_planted_branch(tmp_path):
         ("parser", 4_000, 20),
         ("firmware", 4_000, 50),
         ("frame", 20_000, 8),
-        ("mcap", 3_000, 180),
+        ("mcap", 3_000, 165),
         ("raw", 1_000, 15),
     ],
 )

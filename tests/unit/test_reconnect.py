@@ -168,10 +168,19 @@ def test_the_external_trigger_is_set_again_after_a_replug(cable):
         with pytest.raises(PingLost):
             sonar.wait_frame(5.0)
         cable.plug()
-        timer = threading.Timer(0.5, cable.emulator.trigger, [2])
-        timer.start()
-        assert sonar.wait_frame(5.0).words[5] == 5
-        timer.join()
+        heard = threading.Event()
+
+        def edges():  # until one comes after the trigger was set
+            while not heard.wait(0.2):
+                cable.emulator.trigger(2)
+
+        edging = threading.Thread(target=edges)
+        edging.start()
+        try:
+            assert sonar.wait_frame(5.0).words[5] == 5
+        finally:
+            heard.set()
+            edging.join()
         assert sonar.reconnects == 1
 
 
