@@ -159,12 +159,12 @@ class _Reports:
         found = reported & self.is_landmark
         right = found & self.size_right
         landmarks, located = self._sum(self.is_landmark), self._sum(found)
-        false = self._sum(reported & self.is_none)
         misled = self._sum(reported & self.is_decoy)
+        false = misled + self._sum(reported & self.is_none)
         return {
             "proposals": round(self._sum(self.is_landmark | self.is_none | self.is_decoy), 1),
             "landmark_proposals": round(landmarks, 1),
-            "precision": _part(located, located + false + misled),
+            "precision": _part(located, located + false),
             "found": _part(located, landmarks),
             "found_with_right_size": _part(self._sum(right), landmarks),
             "size_right_if_found": _part(self._sum(right), located),

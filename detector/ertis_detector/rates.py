@@ -17,7 +17,7 @@ class DetectorRates:
     """Figures of a detector, as its model's card gives them; the defaults are cautious.
 
     false_alarms_per_ping : float
-        Reports of what is no landmark.
+        Reports of what is no landmark: clutter, bowls and lampshades.
     precision : float
         Part of all reports that are landmarks, in the data that the probabilities were
         calibrated on.
