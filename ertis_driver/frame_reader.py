@@ -149,7 +149,9 @@ class FrameReader:
         room = self._parser.room()
         begun = self._parser.pending_bytes >= len(HEADER_BYTES)
         if begun:
-            count, came_s = self._read_rest(room, deadline, gap_s, end_s)
+            begun_s = time.monotonic()
+            count = self._link.fill(room, deadline, gap_s, end_s)
+            came_s = begun_s, time.monotonic()
         else:
             count, came_s = self._read_timed(room, deadline)
         if count:
@@ -172,20 +174,6 @@ class FrameReader:
         count = self._link.read_into(room, deadline)
         now_s = time.monotonic()
         return count, (max(asked_s, now_s - WAKE_S), now_s)
-
-    def _read_rest(
-        self, room: memoryview, deadline: float, gap_s: float, end_s: float
-    ) -> tuple[int, tuple[float, float]]:
-        """Fill it, piece by piece: a tty hands out 4 KB at a time, so this is done 160 times."""
-        begun_s = time.monotonic()
-        count = 0
-        while got := self._link.read_into(room[count:], deadline):
-            count += got
-            now_s = time.monotonic()
-            if count == len(room) or now_s >= end_s:
-                break
-            deadline = min(end_s, now_s + gap_s)
-        return count, (begun_s, time.monotonic())
 
     def _forget_reads(self, start: int) -> None:
         while len(self._reads) > 1 and self._reads[0][0] <= start:

@@ -9,6 +9,7 @@ import os
 import select
 import termios
 import threading
+import time
 import tty
 
 import serial
@@ -56,6 +57,7 @@ class SerialLink:
             # A tty left cooked echoes the device's own bytes back to it and adds CRs; pyserial
             # leaves BRKINT as it was, and its exclusive is only an flock that not all heed.
             tty.setraw(self._fd, termios.TCSANOW)
+            _let_reads_end(self._fd)
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
             termios.tcflush(self._fd, termios.TCIOFLUSH)
         except (OSError, termios.error) as error:
@@ -133,6 +135,28 @@ class SerialLink:
                     raise self._lost(None)
                 return count
 
+    def fill(self, buffer: memoryview, deadline: float, gap_s: float, end: float) -> int:
+        """Read on until ``buffer`` is full, silent for too long, or at the end.
+
+        A tty hands out 4 KB at a time: a frame is 160 reads, which are not waited for one by one.
+
+        Raises
+        ------
+        DeviceLost
+            If the device is gone, or closed in another thread.
+        """
+        count = 0
+        while time.monotonic() < end:
+            count += self._read_flow(buffer[count:], end)
+            if count == len(buffer):
+                break
+            got = self.read_into(buffer[count:], min(deadline, end))
+            if got == 0:
+                break
+            count += got
+            deadline = time.monotonic() + gap_s
+        return count
+
     def close(self) -> None:
         """Give the port back. May be called twice, and from any thread."""
         with self._closing_once:
@@ -158,6 +182,26 @@ class SerialLink:
         poll.register(self._wake_read, select.POLLIN)
         return poll
 
+    def _read_flow(self, buffer: memoryview, end: float) -> int:
+        """Read as long as bytes come without a gap, the kernel doing the waiting."""
+        count = 0
+        with self._in_use:
+            self._check_open()
+            flags = fcntl.fcntl(self._fd, fcntl.F_GETFL)
+            fcntl.fcntl(self._fd, fcntl.F_SETFL, flags & ~os.O_NONBLOCK)
+            try:
+                while count < len(buffer) and not self._closing and time.monotonic() < end:
+                    got = os.readv(self._fd, [buffer[count:]])
+                    if got == 0:  # a gap, or the end: read_into tells
+                        break
+                    count += got
+            except OSError as error:
+                raise self._lost(error) from error
+            finally:
+                if self._fd >= 0:
+                    fcntl.fcntl(self._fd, fcntl.F_SETFL, flags)
+        return count
+
     def _check_open(self) -> None:
         if self._closing:
             raise DeviceLost(f"{self._name} is closed: reopen it")
@@ -167,6 +211,13 @@ class SerialLink:
         self.close()
         reason = error or "it hung up"
         return DeviceLost(f"{self._name} went away ({reason}): check the cable and reopen it")
+
+
+def _let_reads_end(fd: int) -> None:
+    """A read that waits ends after a tenth of a second without a byte (VTIME, termios(3))."""
+    attributes = termios.tcgetattr(fd)
+    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, 1
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
 def _wait(poll: select.poll, deadline: float) -> bool:

@@ -15,7 +15,7 @@ import usb.core
 import usb.util
 
 from ertis_driver.errors import DeviceLost, DeviceTimeout, WrongDevice
-from ertis_driver.links.link import left_s
+from ertis_driver.links.link import fill_by_pieces, left_s
 from ertis_driver.links.usb_find import find_pyusb, find_usb, open_error, refuse_held
 
 log = logging.getLogger(__name__)
@@ -129,6 +129,16 @@ class UsbLink:
             buffer[:count] = memoryview(self._filled)[self._start : self._start + count]
             self._start += count
             return count
+
+    def fill(self, buffer: memoryview, deadline: float, gap_s: float, end: float) -> int:
+        """Read on until ``buffer`` is full, silent for too long, or at the end.
+
+        Raises
+        ------
+        DeviceLost
+            If the device is gone, or closed in another thread.
+        """
+        return fill_by_pieces(self, buffer, deadline, gap_s, end)
 
     def close(self) -> None:
         """Give the device back to the kernel. May be called twice, and from any thread."""

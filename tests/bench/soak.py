@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import signal
+import sys
 import tempfile
 import time
 from contextlib import ExitStack, suppress
@@ -39,8 +40,9 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder, suppress(KeyboardInterrupt):
             run(Path(folder), args)
     path = args.draw or args.out
-    with path.open() as lines:
-        about, *samples = map(json.loads, lines)
+    about, *samples = map(json.loads, path.read_text().splitlines() or ["null"])
+    if about is None:
+        sys.exit(f"{path} is empty: it ended before the daemon was ready")
     print(summarize(about, samples))
     draw(about, samples, path.with_suffix(".png"))
     print(f"samples in {path}, drawn in {path.with_suffix('.png')}")

@@ -71,12 +71,15 @@ def test_a_port_that_hangs_up_after_any_byte_is_lost_and_its_descriptor_closed(d
     opened.link.close()
 
 
-def test_a_port_that_hangs_up_under_a_waiting_read_is_lost():
+@pytest.mark.parametrize("what", ["read_into", "fill"])
+def test_a_port_that_hangs_up_under_a_waiting_read_is_lost(what):
     opened = OpenedLink()
-    timer = threading.Timer(0.1, os.close, [opened.device])
+    timer = threading.Timer(0.05, os.close, [opened.device])
     timer.start()
+    buffer, end_s = memoryview(bytearray(16)), time.monotonic() + PATIENCE_S
+    patience = (end_s,) if what == "read_into" else (end_s, PATIENCE_S, end_s)
     with pytest.raises(DeviceLost, match="went away"):
-        opened.link.read_into(memoryview(bytearray(16)), time.monotonic() + PATIENCE_S)
+        getattr(opened.link, what)(buffer, *patience)
     timer.join()
     assert opened.files() == 0
 
@@ -89,7 +92,26 @@ def test_a_write_to_a_port_that_has_hung_up_is_lost():
     assert opened.files() == 0
 
 
-@pytest.mark.parametrize("what", ["read", "write"])
+def test_filling_goes_on_after_a_gap_and_gives_up_after_silence():
+    opened = OpenedLink()
+    data = os.urandom(30_000)
+    timers = [
+        threading.Timer(at_s, os.write, [opened.device, part])
+        for at_s, part in ((0.05, data[:1000]), (0.3, data[1000:3000]))
+    ]
+    for timer in timers:
+        timer.start()
+    buffer = memoryview(bytearray(len(data)))
+    start_s = time.monotonic()
+    count = opened.link.fill(buffer, start_s + PATIENCE_S, 0.7, start_s + PATIENCE_S)
+    assert time.monotonic() - start_s < PATIENCE_S, "silence ends it, not the end of all patience"
+    assert bytes(buffer[:count]) == data[:3000]
+    assert opened.link.read_into(buffer, time.monotonic()) == 0, "waiting as asked, as before"
+    opened.link.close()
+    os.close(opened.device)
+
+
+@pytest.mark.parametrize("what", ["read", "fill", "write"])
 def test_closing_in_another_thread_ends_what_waits_and_closes_the_descriptor(what):
     opened = OpenedLink()
     met = []
@@ -99,6 +121,8 @@ def test_closing_in_another_thread_ends_what_waits_and_closes_the_descriptor(wha
         try:
             if what == "read":
                 opened.link.read_into(memoryview(bytearray(16)), end_s)
+            elif what == "fill":
+                opened.link.fill(memoryview(bytearray(16)), end_s, 60.0, end_s)
             else:
                 opened.link.write(bytes(1_000_000), end_s)  # nobody takes it
         except DeviceLost as error:
