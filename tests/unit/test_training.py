@@ -1,6 +1,8 @@
 """Recordings with truth, or labelled data sets, to a model that recognises what it was taught."""
 
+import contextlib
 import hashlib
+import io
 import json
 
 import numpy as np
@@ -89,9 +91,18 @@ def dataset(heard, tmp_path_factory):
     return folder
 
 
-def train(source, path, capsys, *options):
-    assert main(["train", str(source), "-o", str(path), *options]) == 0
-    return json.loads(capsys.readouterr().out), load_model(path)
+@pytest.fixture(scope="module")
+def taught(recording, tmp_path_factory):
+    """A model of the recording, made by one worker, and what was said of it."""
+    path = tmp_path_factory.mktemp("taught") / "m.safetensors"
+    return train(recording, path, "--workers", "1"), path
+
+
+def train(source, path, *options):
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert main(["train", str(source), "-o", str(path), *options]) == 0
+    return json.loads(said.getvalue())
 
 
 def recognised(model_path):
@@ -107,31 +118,31 @@ def recognised(model_path):
     return right, false
 
 
-def test_a_model_knows_the_sizes_it_was_taught(recording, tmp_path, capsys):
-    said, model = train(recording, tmp_path / "m.safetensors", capsys)
+def test_a_model_knows_the_sizes_it_was_taught(taught):
+    said, path = taught
+    model = load_model(path)
     assert model.classes == ("none", "r40", "r66")
     assert model.card.source == said["source"] == "sim"
     assert model.card.in_sight == 0.5
     assert said["landmark_proposals"] > 24
     assert model.card.tracking["found"] >= model.card.figures["found"]
     assert model.card.data.startswith("64 pings: recording sha256 ")
-    right, false = recognised(tmp_path / "m.safetensors")
+    right, false = recognised(path)
     assert right >= 9
     assert false <= 1
 
 
-def test_a_labelled_data_set_without_truth_teaches_as_well(dataset, tmp_path, capsys):
-    said, model = train(dataset, tmp_path / "m.safetensors", capsys)
-    assert said["source"] == "live"
-    assert open_dataset(dataset).manifest_hash[:16] in model.card.data
-    assert recognised(tmp_path / "m.safetensors")[0] >= 9
+def test_a_labelled_data_set_without_truth_teaches_as_well(dataset, tmp_path):
+    path = tmp_path / "m.safetensors"
+    assert train(dataset, path)["source"] == "live"
+    assert open_dataset(dataset).manifest_hash[:16] in load_model(path).card.data
+    assert recognised(path)[0] >= 9
 
 
-def test_neither_workers_nor_another_go_change_the_model(recording, tmp_path, capsys):
-    paths = [tmp_path / f"{n}.safetensors" for n in (1, 2)]
-    for workers, path in zip(("1", "2"), paths, strict=True):
-        train(recording, path, capsys, "--workers", workers)
-    assert paths[0].read_bytes() == paths[1].read_bytes()
+def test_neither_workers_nor_another_go_change_the_model(recording, taught, tmp_path):
+    again = tmp_path / "again.safetensors"
+    train(recording, again, "--workers", "2")
+    assert again.read_bytes() == taught[1].read_bytes()
 
 
 def refusal(capsys, *args):

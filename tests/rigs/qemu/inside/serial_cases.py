@@ -47,11 +47,13 @@ def serial_replug_renamed() -> dict:
 def devices() -> dict:
     """What ``ertis devices`` says of a sonar, and of another board with the same numbers."""
     other = {"serial_number": "X7", "product": "Other board", "socket": 1}
-    with Board(), Board(**other):
-        wait_for(lambda: wait_for_port() == "/dev/ttyACM1")
-        with open_device("serial:/dev/ttyACM0", **PATIENT) as device:
-            device.configure(QUICK)
-            return _ertis("devices", "--all")
+    with Board():
+        wait_for_port()  # the kernel numbers boards as it meets them, not as they are plugged in
+        with Board(**other):
+            wait_for(lambda: wait_for_port() == "/dev/ttyACM1")
+            with open_device("serial:/dev/ttyACM0", **PATIENT) as device:
+                device.configure(QUICK)
+                return _ertis("devices", "--all")
 
 
 def probe() -> dict:
