@@ -74,20 +74,21 @@ def bit_response(position: int, outputs: npt.NDArray[np.intp]) -> npt.NDArray[np
     return np.asarray(np.where(inside, TAPS[np.clip(tap, 0, TAPS.size - 1)], 0) / UNITY)
 
 
-def _responses() -> npt.NDArray[np.float32]:
-    """``bit_response`` within reach of a bit, for each place of a word in its audio sample."""
+def _responses() -> npt.NDArray[np.float64]:
     places = RESPONSE_REACH * DECIMATION + np.arange(DECIMATION)
     outputs = np.arange(2 * RESPONSE_REACH)
-    rows = np.array([bit_response(place, outputs) for place in places.tolist()], np.float32)
+    rows = np.array([bit_response(place, outputs) for place in places.tolist()])
     rows.setflags(write=False)
     return rows
 
 
-_RESPONSES = _responses()
+# ``bit_response`` within reach, for each place of a word in its audio sample: (10, 16).
+RESPONSES = _responses()
 
 
 def heard_of_bit(position: int, num_samples: int) -> tuple[slice, npt.NDArray[np.float32]]:
     """The audio samples that one +1 bit at word ``position`` went into, and what it added there."""
     centre, place = divmod(position, DECIMATION)
     first, end = centre - RESPONSE_REACH, min(centre + RESPONSE_REACH, num_samples)
-    return slice(max(first, 0), end), _RESPONSES[place, max(-first, 0) : end - first]
+    response = RESPONSES[place, max(-first, 0) : end - first]
+    return slice(max(first, 0), end), response.astype(np.float32)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ertis_driver.audio_filter import RESPONSE_REACH, bit_response
+from ertis_driver.audio_filter import RESPONSE_REACH, RESPONSES
 from ertis_driver.frame import DECIMATION, NUM_MICS
 
 _HALF = NUM_MICS // 2
@@ -38,11 +38,7 @@ def _templates() -> npt.NDArray[np.float32]:
     (10, 16).
     """
     high_pass = _toeplitz()
-    rows = []
-    for phase in range(DECIMATION):
-        position = RESPONSE_REACH * DECIMATION + phase
-        response = bit_response(position, np.arange(2 * RESPONSE_REACH)) @ high_pass
-        rows.append(high_pass @ response / (response @ response))
+    rows = [high_pass @ passed / (passed @ passed) for passed in RESPONSES @ high_pass]
     return np.array(rows, np.float32)
 
 

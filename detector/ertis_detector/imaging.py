@@ -174,9 +174,8 @@ def noise_floor(power: npt.NDArray[np.float32]) -> float:
     """A low quantile of the far ranges, the quietest of a room."""
     tail = power[::3, power.shape[1] * 6 // 10 :].ravel()
     fifth = tail.size // 5
-    return (
-        float(np.partition(tail, fifth)[fifth]) / 0.223 + 1e-20
-    )  # exponential law: 20 % lie under
+    # Exponential law: a fifth lies under this part of the mean.
+    return float(np.partition(tail, fifth)[fifth]) / 0.223 + 1e-20
 
 
 class Imager:

@@ -34,12 +34,6 @@ class Location:
     elevation_rad: float
     power: float
 
-    @property
-    def point_m(self) -> Float:
-        """Shape (3,), sensor frame."""
-        direction = unit_vectors(np.array(self.azimuth_rad), np.array(self.elevation_rad))
-        return np.asarray(self.range_m * direction)
-
 
 def locate(
     focus: Focus,

@@ -64,11 +64,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures, and write the page if one is wanted."""
+    from ertis_daemon.cli.before_work import check_workers
     from ertis_daemon.report.page import write_page
-    from ertis_driver.errors import SettingsError
 
-    if args.workers < 1:
-        raise SettingsError(f"--workers {args.workers}, expected 1 at least")
+    check_workers(args.workers)
     if args.html is not None:
         _check_page(args.html)
     text, said, page = _known_range(args) if args.protocol else _detector(args)
@@ -136,12 +135,12 @@ def _check_page(path: Path) -> None:
     """
     from importlib.util import find_spec
 
+    from ertis_daemon.cli.before_work import check_output
     from ertis_driver.errors import ErtisError
 
     if find_spec("matplotlib") is None:
         raise ErtisError("--html needs matplotlib: pip install 'ertis[plot]'")
-    if not path.parent.is_dir() or path.is_dir():
-        raise ErtisError(f"cannot write {path}: name a file in a folder that exists")
+    check_output(path)
 
 
 def _show(what: str, done: int, of: int) -> None:

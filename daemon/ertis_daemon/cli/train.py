@@ -32,11 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train, save, and say what cross-validation gave."""
+    from ertis_daemon.cli.before_work import check_output, check_workers
     from ertis_daemon.training import train
     from ertis_detector.model import model_file_name, save_model
     from ertis_driver.errors import ErtisError
 
-    _check(args)
+    check_workers(args.workers)
+    check_output(args.output, may_be_folder=True)
 
     def show(pings: int) -> None:
         if sys.stderr.isatty():
@@ -54,19 +56,3 @@ def run(args: argparse.Namespace) -> int:
     said = {"model": str(path), "source": card.source, "min_probability": card.min_probability}
     print(json.dumps({**said, **card.figures}))
     return 0
-
-
-def _check(args: argparse.Namespace) -> None:
-    """Fail before the work, not after it.
-
-    Raises
-    ------
-    ErtisError
-        If the model cannot be written, or nobody would work.
-    """
-    from ertis_driver.errors import ErtisError, SettingsError
-
-    if args.workers < 1:
-        raise SettingsError(f"--workers {args.workers}, expected 1 at least")
-    if not args.output.parent.is_dir():
-        raise ErtisError(f"cannot write {args.output}: name a file in a folder that exists")
