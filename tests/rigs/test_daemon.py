@@ -400,9 +400,9 @@ def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_s
     daemon.thread.join(DEADLINE_S)
     assert not daemon.thread.is_alive()
     assert daemon.error is None
-    events = []
-    while (sample := subscriber.try_recv()) is not None:
-        events.append(json.loads(sample.payload.to_bytes()))
+    samples = [wait_for(subscriber.try_recv) for _ in range(20)]  # the last may be under way still
+    assert subscriber.try_recv() is None
+    events = [json.loads(sample.payload.to_bytes()) for sample in samples]
     assert len(events) == 20
     for event in events:
         jsonschema.validate(event, schema)
