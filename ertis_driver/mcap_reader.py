@@ -153,7 +153,7 @@ def make_ping(parts: dict[str, Message], encoding: str, info: RecordingInfo) -> 
         pdm_rate_hz=info.pdm_rate_hz,
         clock_step_ns=about["clock_step_ns"],
     )
-    return RecordedPing(frame, truth, about["temperature_c"])
+    return RecordedPing(frame, truth, about["temperature_c"], about.get("humidity_percent"))
 
 
 @dataclass(slots=True)

@@ -39,6 +39,7 @@ PING_SCHEMA = {
         "time_uncertainty_ns": {"type": "integer", "minimum": 0},
         "clock_step_ns": {"type": "integer", "description": "host clock set since the last ping"},
         "temperature_c": {"type": ["number", "null"]},
+        "humidity_percent": {"type": ["number", "null"]},
     },
     "required": ["ping_index", "active", "time_uncertainty_ns", "temperature_c"],
 }

@@ -50,6 +50,8 @@ class RecordingInfo:
         PDM words of each ping.
     temperature_c : float or None
         Air temperature, degrees Celsius; None if that is not known.
+    humidity_percent : float or None
+        Relative humidity of the air; None if that is not known.
     firmware : str
         ``major.minor.bugfix``, or empty.
     address : str
@@ -81,6 +83,7 @@ class RecordingInfo:
     chirp: Emission | None
     num_words: int
     temperature_c: float | None = None
+    humidity_percent: float | None = None
     firmware: str = ""
     address: str = ""
     pdm_rate_hz: int = PDM_RATE_HZ
@@ -115,11 +118,14 @@ class RecordedPing:
         What stood where, if that is known.
     temperature_c : float or None
         Air temperature at this ping, degrees Celsius, if it was measured.
+    humidity_percent : float or None
+        Relative humidity of the air at this ping, if it was measured.
     """
 
     frame: PdmFrame
     truth: dict[str, Any] | None = None
     temperature_c: float | None = None
+    humidity_percent: float | None = None
 
 
 def to_strings(info: RecordingInfo) -> dict[str, str]:
@@ -133,7 +139,8 @@ def to_strings(info: RecordingInfo) -> dict[str, str]:
         "dac_rate_hz": "" if chirp is None else str(chirp.dac_rate_hz),
         "num_words": str(info.num_words),
         "pdm_rate_hz": str(info.pdm_rate_hz),
-        "temperature_c": "" if info.temperature_c is None else repr(float(info.temperature_c)),
+        "temperature_c": _number(info.temperature_c),
+        "humidity_percent": _number(info.humidity_percent),
         "firmware": info.firmware,
         "device": info.address,
         **{name: getattr(info, name) for name in _TEXTS},
@@ -173,7 +180,8 @@ def from_strings(table: Mapping[str, str]) -> RecordingInfo:
             source=source,  # type: ignore[arg-type]  # one of the three, as checked above
             chirp=_chirp(table),
             num_words=num_words,
-            temperature_c=float(table["temperature_c"]) if table["temperature_c"] else None,
+            temperature_c=_known(table["temperature_c"]),
+            humidity_percent=_known(table.get("humidity_percent", "")),
             firmware=table["firmware"],
             address=table["device"],
             pdm_rate_hz=int(table["pdm_rate_hz"]),
@@ -184,6 +192,14 @@ def from_strings(table: Mapping[str, str]) -> RecordingInfo:
         )
     except KeyError as error:
         raise ValueError(f"metadata without {error}") from error
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else repr(float(value))
+
+
+def _known(text: str) -> float | None:
+    return float(text) if text else None
 
 
 def _layout() -> tuple[Position, ...]:

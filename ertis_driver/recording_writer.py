@@ -100,6 +100,7 @@ class RecordingWriter(Closing):
         truth: dict[str, Any] | None = None,
         *,
         temperature_c: float | None = None,
+        humidity_percent: float | None = None,
     ) -> None:
         """Add one ping and flush it.
 
@@ -111,6 +112,8 @@ class RecordingWriter(Closing):
             What stood where: anything that JSON can say.
         temperature_c
             Air temperature at this ping, degrees Celsius; ``info.temperature_c`` if not given.
+        humidity_percent
+            Relative humidity at this ping; ``info.humidity_percent`` if not given.
 
         Raises
         ------
@@ -126,6 +129,9 @@ class RecordingWriter(Closing):
             "time_uncertainty_ns": int(frame.time_uncertainty_ns),
             "clock_step_ns": int(frame.clock_step_ns),
             "temperature_c": self.info.temperature_c if temperature_c is None else temperature_c,
+            "humidity_percent": self.info.humidity_percent
+            if humidity_percent is None
+            else humidity_percent,
         }
         time_ns = int(frame.ping_time_ns)
         messages: dict[str, bytes | None] = {"ping": self._json(about)}

@@ -35,6 +35,7 @@ def describe(session: zenoh.Session, device: str) -> RecordingInfo:
         chirp=chirp,
         num_words=info["num_words"],
         temperature_c=config["temperature_c"],
+        humidity_percent=config["humidity_percent"],
         firmware=info["firmware"],
         address=info["address"],
     )

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -12,11 +11,10 @@ from typing import Any, Literal
 from ertis_daemon.ros2.config import Ros2Config
 from ertis_daemon.yaml_example import write_yaml
 from ertis_daemon.yaml_load import option, section
+from ertis_detector.air import Air
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp, ChirpKind
 from ertis_driver.device import ExternalTrigger, Settings
 from ertis_driver.frame import DEFAULT_NUM_WORDS
-
-SPEED_AT_0_C_M_S = 331.3  # dry air at 0 degrees Celsius
 
 
 def check_chunk(value: str) -> str | None:
@@ -212,6 +210,9 @@ class SonarConfig:
     temperature_c: float = option(
         20.0, "of the air, degrees Celsius; sets the speed of sound", low=-60, high=80
     )
+    humidity_percent: float = option(
+        50.0, "of the air, relative: 50 more make ranges 0.17 % longer at 20 C", low=0, high=100
+    )
     ping_on: PingOn = option(
         "timer", "what pings: timer, an edge on pin1 or pin2 of the device, or command (cmd/ping)"
     )
@@ -227,9 +228,9 @@ class SonarConfig:
     max_pings: int = option(0, "end after so many pings heard; 0 for never", low=0)
 
     @property
-    def speed_of_sound_m_s(self) -> float:
-        """331.3 sqrt(1 + T / 273.15), m/s: dry air as an ideal gas."""
-        return SPEED_AT_0_C_M_S * math.sqrt(1.0 + self.temperature_c / 273.15)
+    def air(self) -> Air:
+        """What the sound goes through."""
+        return Air(self.temperature_c, self.humidity_percent)
 
     def settings(self) -> Settings:
         """Return what the sonar is configured with.

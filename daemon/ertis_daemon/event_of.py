@@ -36,7 +36,7 @@ def event_of(
         source=source,
         model=model,
         landmarks=tuple(report(track) for track in tracks),
-        speed_of_sound_m_s=config.speed_of_sound_m_s,
+        speed_of_sound_m_s=config.air.speed_of_sound_m_s,
         temperature_c=config.temperature_c,
     )
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ertis_daemon.config import SonarConfig
+from ertis_detector.air import Air
 from ertis_detector.detection import Detection
 from ertis_driver.audio import DecodedAudio, PdmDecoder, whole_samples
 from ertis_driver.device import Settings
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from ertis_detector.scanner import Scanner
     from ertis_detector.tracker import Tracker
 
-NOMINAL_TEMPERATURE_C = 20.0
-_TEMPERATURE_STEP_C = 0.1  # 0.06 m/s: under 1 mm of any range
+# 0.06 and 0.05 m/s, at 40 degrees: under 1 mm of any range.
+_TEMPERATURE_STEP_C, _HUMIDITY_STEP_PERCENT = 0.1, 0.5
 
 
 class TrackLike(Protocol):
@@ -175,7 +176,7 @@ def detector_for(config: SonarConfig, settings: Settings) -> LandmarkDetector:
 
     return build_detector(
         settings,
-        config.temperature_c,
+        config.air,
         config.detector.model,
         config.detector.min_probability or TRACKING_PROBABILITY,
     )
@@ -200,9 +201,9 @@ def build_tracker(config: SonarConfig, settings: Settings, figures: Mapping[str,
 
 
 def build_detector(
-    settings: Settings, temperature_c: float, model_path: str = "", min_probability: float = 0.0
+    settings: Settings, air: Air, model_path: str = "", min_probability: float = 0.0
 ) -> LandmarkDetector:
-    """Build the detector for what an eRTIS is set to, in air of a temperature.
+    """Build the detector for what an eRTIS is set to, in this air.
 
     Parameters
     ----------
@@ -223,15 +224,15 @@ def build_detector(
     chirp = settings.chirp.name
     return LandmarkDetector(
         load_model(Path(model_path) if model_path else shipped_model(chirp)),
-        build_scanner(settings, temperature_c),
+        build_scanner(settings, air),
         chirp=chirp,
         audio_filter=FILTER_VERSION,
         min_probability=min_probability or None,
     )
 
 
-def build_scanner(settings: Settings, temperature_c: float) -> Scanner:
-    """Build the scanner for what an eRTIS is set to, in air of a temperature.
+def build_scanner(settings: Settings, air: Air) -> Scanner:
+    """Build the scanner for what an eRTIS is set to, in this air.
 
     Raises
     ------
@@ -255,11 +256,12 @@ def build_scanner(settings: Settings, temperature_c: float) -> Scanner:
         chirp_samples=chirp.samples(AUDIO_RATE_HZ),
         chirp_band_hz=chirp.band_hz,
         num_samples=settings.num_words // DECIMATION,
-        temperature_c=temperature_c,
+        air=air,
     )
 
 
-def rounded_temperature_c(temperature_c: float | None) -> float:
-    """To a tenth, so that one scanner serves many pings; 20 if nobody measured it."""
-    met = NOMINAL_TEMPERATURE_C if temperature_c is None else temperature_c
-    return round(met / _TEMPERATURE_STEP_C) * _TEMPERATURE_STEP_C
+def rounded(air: Air) -> Air:
+    """To a tenth of a degree and half a percent, so that one scanner serves many pings."""
+    degrees = round(air.temperature_c / _TEMPERATURE_STEP_C) * _TEMPERATURE_STEP_C
+    percent = round(air.humidity_percent / _HUMIDITY_STEP_PERCENT) * _HUMIDITY_STEP_PERCENT
+    return Air(degrees, percent)

@@ -32,7 +32,7 @@ def draw_scene(scene: Scene, chirp: Emission, path: Path) -> None:
     _draw_plan(plan, scene)
     settings = Settings(chirp)
     words = scene.hear(0, settings.num_words, chirp.samples(AUDIO_RATE_HZ))
-    scanner = build_scanner(settings, scene.air.temperature_c)
+    scanner = build_scanner(settings, scene.air)
     paint(figure, heard, scanner.image(PdmDecoder().decode(words).audio)[1])
     truth = scene.truth(0)
     for item in truth["landmarks"] + truth["decoys"]:

@@ -136,7 +136,7 @@ class Service:
         self.status.model = self._pipeline.model_name
         self.status.source = self._sonar.info.source
         self.status.temperature_c = self._config.temperature_c
-        self.status.speed_of_sound_m_s = self._config.speed_of_sound_m_s
+        self.status.speed_of_sound_m_s = self._config.air.speed_of_sound_m_s
 
     def _end(self, acquisition: Acquisition, queue: FrameQueue) -> None:
         self._halt.set()

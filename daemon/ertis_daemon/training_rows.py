@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ertis_daemon.labelled import recorded_truth
-from ertis_daemon.pipeline import build_scanner, rounded_temperature_c
+from ertis_daemon.pipeline import build_scanner, rounded
 from ertis_daemon.workers import Workers
+from ertis_detector.air import Air
 from ertis_detector.detection import NONE, UNKNOWN, radius_m
 from ertis_detector.features import NUM_FEATURES
 from ertis_detector.labelling import match_candidates
@@ -171,7 +172,9 @@ def _learn(job: _Job) -> tuple[int, int, list[_Row]]:
             raise RecordingError(
                 f"{job.path}: ping {ping.frame.ping_index} has no truth: nothing to learn from"
             )
-        scanner = _scanner(settings, rounded_temperature_c(ping.temperature_c))
+        scanner = _scanner(
+            settings, rounded(Air.measured(ping.temperature_c, ping.humidity_percent))
+        )
         audio = decoder.decode(whole_samples(ping.frame.words)).audio
         heard_in_sight += _in_sight(truth)
         rows.extend(_candidates(scanner, audio, truth, f"{job.path.name} {number}"))
@@ -179,8 +182,8 @@ def _learn(job: _Job) -> tuple[int, int, list[_Row]]:
 
 
 @lru_cache(maxsize=16)
-def _scanner(settings: Settings, temperature_c: float) -> Scanner:
-    return build_scanner(settings, temperature_c)
+def _scanner(settings: Settings, air: Air) -> Scanner:
+    return build_scanner(settings, air)
 
 
 def _candidates(

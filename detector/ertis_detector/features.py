@@ -40,7 +40,7 @@ _SENSOR_DB = np.array([-34.0, -30.0, -20.0, -8.0, 0.0, -3.0, -12.0, -24.0])
 _LEAST_GAIN_DB = -45.0  # under it there is only noise to be lifted
 _LEAST_PATTERN = 0.15  # near the emitter's nulls nothing can be made good
 _REGULARISER = 0.03  # of the chirp's strongest frequency
-_HUMIDITY_PERCENT = 50.0  # not measured by any sonar
+_HUMIDITY_PERCENT = 50.0  # few robots measure it: learnt from echoes of any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ class EchoFeatures:
     chirp : float64, shape (n,)
         The emitted sweep at 450 kHz.
     air : Air
-        For absorption; its humidity is not used.
+        For absorption, which takes it for half moist.
 
     Attributes
     ----------

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ertis_detector.air import Air
 from ertis_detector.detection import NONE, UNKNOWN
 from ertis_detector.method import KnownRangePing
 from ertis_detector.model import Model, load_model, shipped_model
@@ -30,7 +31,7 @@ class KnownRangeDetector:
 
     def __init__(self) -> None:
         self._model: Model | None = None
-        self._scanner: tuple[float, Scanner] | None = None
+        self._scanner: tuple[Air, Scanner] | None = None
         self._law: Any = None
 
     @property
@@ -75,16 +76,16 @@ class KnownRangeDetector:
         return self._model
 
     def _scanner_for(self, ping: KnownRangePing) -> Scanner:
-        if self._scanner is None or self._scanner[0] != ping.temperature_c:
+        if self._scanner is None or self._scanner[0] != ping.air:
             scanner = Scanner(
                 mic_positions_m=ping.mic_positions_m,
                 emitter_position_m=ping.emitter_position_m,
                 chirp_samples=ping.chirp,
                 chirp_band_hz=ping.chirp_band_hz,
                 num_samples=ping.audio.shape[1],
-                temperature_c=ping.temperature_c,
+                air=ping.air,
             )
-            self._scanner = ping.temperature_c, scanner
+            self._scanner = ping.air, scanner
         return self._scanner[1]
 
     def __getstate__(self) -> dict[str, Any]:

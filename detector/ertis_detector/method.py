@@ -13,6 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ertis_detector.air import Air
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownRangePing:
@@ -24,8 +26,7 @@ class KnownRangePing:
         To the landmark's vertex, or to where one would be.
     azimuth_rad : float
         Of the same; NaN where nobody measured it.
-    temperature_c : float
-        Of the air, degrees Celsius.
+    air : Air
     chirp : float64, shape (n,)
         The emitted sweep at 450 kHz.
     chirp_band_hz : (low, high)
@@ -38,7 +39,7 @@ class KnownRangePing:
     audio: npt.NDArray[np.float32]
     range_m: float
     azimuth_rad: float
-    temperature_c: float
+    air: Air
     chirp: npt.NDArray[np.float64]
     chirp_band_hz: tuple[float, float]
     chirp_name: str

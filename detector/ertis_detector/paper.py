@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from ertis_detector.air import Air
 from ertis_detector.detection import NONE
 from ertis_detector.errors import EvaluationError
 from ertis_detector.imaging import AUDIO_RATE_HZ
@@ -64,7 +63,7 @@ def paper_features(ping: KnownRangePing, choices: PaperChoices) -> Float:
 
 def _fragments(ping: KnownRangePing, choices: PaperChoices) -> tuple[Float, Float]:
     """Fragments (num_mics, 1024), and by how much each is later than its first sample says, s."""
-    c = Air(ping.temperature_c).speed_of_sound_m_s
+    c = ping.air.speed_of_sound_m_s
     audio = ping.audio
     delay_s = np.full(len(audio), 2 * ping.range_m / c)
     if choices.microphone == "beam":

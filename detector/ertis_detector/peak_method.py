@@ -24,7 +24,7 @@ from ertis_detector.peaks import FRAGMENT_SAMPLES
 Float = npt.NDArray[np.float64]
 
 BEAM = "beam"
-_NOMINAL = Air()  # times are told as if it were that warm
+_NOMINAL = Air()  # times are told as if in this
 _SEARCHED_RAD = np.arcsin(np.linspace(-0.5, 0.5, 41))  # half a beam apart
 _THRESHOLD_ROWS = 300  # enough for one number
 
@@ -45,8 +45,8 @@ class HeardPing(Protocol):
         """NaN: the loudest direction is taken."""
 
     @property
-    def temperature_c(self) -> float:
-        """Of the air."""
+    def air(self) -> Air:
+        """The sound's."""
 
     @property
     def chirp(self) -> Float:
@@ -105,7 +105,7 @@ class PeakMethod:
         ValueError
             If the microphone is not there.
         """
-        chirp, air = np.asarray(ping.chirp, float), Air(ping.temperature_c)
+        chirp, air = np.asarray(ping.chirp, float), ping.air
         size, c = FRAGMENT_SAMPLES + chirp.size, air.speed_of_sound_m_s
         division = Deconvolution(
             chirp,

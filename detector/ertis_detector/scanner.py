@@ -57,8 +57,8 @@ class Scanner:
         Its lowest and highest frequency.
     num_samples : int
         Audio samples a ping.
-    temperature_c : float
-        Of the air: speed of sound and absorption follow.
+    air : Air
+        Speed of sound and absorption follow.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Scanner:
         chirp_samples: Float,
         chirp_band_hz: tuple[float, float],
         num_samples: int,
-        temperature_c: float,
+        air: Air,
     ) -> None:
         band = max(chirp_band_hz[0], SENSOR_BAND_HZ[0]), min(chirp_band_hz[1], SENSOR_BAND_HZ[1])
         if band[1] - band[0] < 5e3:
@@ -83,7 +83,6 @@ class Scanner:
                 f"{chirp_samples.size}: listen for longer"
             )
         self.num_samples = num_samples
-        air = Air(temperature_c)
         self._filter = MatchedFilter(chirp_samples, num_samples, band)
         info = self._filter.baseband
         self._imager = Imager(mic_positions_m, info, air.speed_of_sound_m_s, *plane())

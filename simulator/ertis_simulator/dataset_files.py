@@ -24,7 +24,7 @@ from ertis_driver.recording import RecordingInfo, RecordingWriter, read_recordin
 from ertis_simulator.errors import SceneError
 from ertis_simulator.paper_dataset import NONE, VARIANTS, PlannedPing, build_scene, plan
 
-GENERATOR = 2  # raised when the same seed comes to mean other files
+GENERATOR = 3  # raised when the same seed comes to mean other files
 MANIFEST = "dataset.json"
 OPERATOR = "simulated"
 PING_BYTES = 4 * DEFAULT_NUM_WORDS + 16_384  # of a file, truth and all
@@ -160,8 +160,15 @@ def _record(path: Path, spec: DatasetSpec, ping: PlannedPing) -> None:
     }
     truth["dead_microphones"] = list(labelled.scene.dead_mics)
     address = f"data set {spec.variant}, seed {spec.seed}"
-    temperature_c = round(labelled.scene.air.temperature_c, 2)
-    info = RecordingInfo("sim", chirp, DEFAULT_NUM_WORDS, temperature_c, address=address)
+    air = labelled.scene.air
+    info = RecordingInfo(
+        "sim",
+        chirp,
+        DEFAULT_NUM_WORDS,
+        round(air.temperature_c, 2),
+        round(air.humidity_percent, 1),
+        address=address,
+    )
     part = _part_of(path)
     part.unlink(missing_ok=True)
     try:

@@ -108,6 +108,7 @@ class Scene:
             "source": "sim",
             "scene": self.name,
             "temperature_c": self.air.temperature_c,
+            "humidity_percent": self.air.humidity_percent,
             **told,
         }
 

@@ -27,7 +27,7 @@ from ertis_driver.geometry import mic_positions_m
 from ertis_driver.halfword import find_corrupt_bits
 
 CEILING_HZ = 27.5  # a frame takes 36.4 ms to listen to
-TEMPERATURE_C, SPEED_M_S = Config().temperature_c, Config().speed_of_sound_m_s
+AIR = Config().air
 
 
 def demo_words(chirp: Chirp) -> np.ndarray:
@@ -51,7 +51,7 @@ def empty_words(chirp: Chirp) -> np.ndarray:
 
 
 def scanner_for(chirp: Chirp) -> Scanner:
-    return build_scanner(Settings(chirp=chirp), TEMPERATURE_C)
+    return build_scanner(Settings(chirp=chirp), AIR)
 
 
 def event_json(frame: PdmFrame, heard: Heard) -> bytes:
@@ -72,7 +72,7 @@ def event_json(frame: PdmFrame, heard: Heard) -> bytes:
         source="sim",
         model="bench",
         landmarks=tuple(reports),
-        speed_of_sound_m_s=SPEED_M_S,
+        speed_of_sound_m_s=AIR.speed_of_sound_m_s,
         temperature_c=20.0,
     ).to_json()
 
@@ -147,7 +147,7 @@ def bench_proposals(chirp: Chirp, rounds: int, rng: np.random.Generator) -> None
     contenders: dict[str, Callable[[], object]] = {}
     counts = {}
     for name, words in (("empty scene", empty_words(chirp)), ("demo scene", demo_words(chirp))):
-        detector = build_detector(Settings(chirp=chirp), TEMPERATURE_C)
+        detector = build_detector(Settings(chirp=chirp), AIR)
         decoder, audio = PdmDecoder(), np.empty((32, words.size // 10), np.float32)
         scan = detector.scan(decoder.decode(words, audio).audio)
         counts[name] = len(scan.candidates)
@@ -194,7 +194,9 @@ def bench_all(name: str, words: np.ndarray, chirp: Chirp, rounds: int) -> None:
     low, high = sorted((chirp.f_start_hz, chirp.f_stop_hz))
     azimuth_rad = scanner.image(np.zeros((32, words.size // 10), np.float32))[1].azimuth_rad
     samples = chirp.samples(AUDIO_RATE_HZ)
-    script = UserScript(samples, (low, high), mic_positions_m(), azimuth_rad, SPEED_M_S)
+    script = UserScript(
+        samples, (low, high), mic_positions_m(), azimuth_rad, AIR.speed_of_sound_m_s
+    )
     bench_audio(words, script, rounds, rng)
     bench_image(words, scanner, script, rounds, rng)
     bench_frame(words, chirp, script, rounds, rng)

@@ -43,4 +43,20 @@ def test_the_absorption_takes_any_shape():
     ("temperature_c", "speed_m_s"), [(0.0, 331.3), (20.0, 343.2), (40.0, 354.7), (-10.0, 325.2)]
 )
 def test_sound_is_faster_in_warm_air(temperature_c, speed_m_s):
-    assert Air(temperature_c).speed_of_sound_m_s == pytest.approx(speed_m_s, abs=0.06)
+    assert Air(temperature_c, 0.0).speed_of_sound_m_s == pytest.approx(speed_m_s, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("temperature_c", "humidity_percent", "faster"),
+    [(0.0, 100.0, 1.0010), (20.0, 50.0, 1.0018), (20.0, 100.0, 1.0037), (30.0, 90.0, 1.0061)],
+)
+def test_sound_is_faster_in_moist_air(temperature_c, humidity_percent, faster):
+    """As Cramer 1993, J. Acoust. Soc. Am. 93, 2510, has it: moist over dry."""
+    moist, dry = Air(temperature_c, humidity_percent), Air(temperature_c, 0.0)
+    assert moist.speed_of_sound_m_s / dry.speed_of_sound_m_s == pytest.approx(faster, abs=1e-4)
+
+
+def test_what_nobody_measured_is_twenty_degrees_and_half_moist():
+    assert Air.measured(None, None) == Air(20.0, 50.0)
+    assert Air.measured(0.0, None) == Air(0.0, 50.0)
+    assert Air.measured(None, 0.0) == Air(20.0, 0.0)

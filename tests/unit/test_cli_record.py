@@ -54,7 +54,8 @@ def record(capsys, recording, output, *more):
 def test_a_recording_keeps_frames_times_and_who_and_where(recording, tmp_path, capsys):
     out = tmp_path / "out.mcap"
     told = ("--who", "Ada", "--where", "hall", "--note", "try", "--licence", "CC0")
-    code, said = record(capsys, recording, out, *told, "--temperature-c", "18.5")
+    air = ("--temperature-c", "18.5", "--humidity-percent", "61")
+    code, said = record(capsys, recording, out, *told, *air)
     assert (said["pings"], said["pings_lost"]) == (NUM_PINGS, 1)
     assert code == 3, "a lost ping is loss"
     assert said["ended"] == "end of the recording played"
@@ -62,6 +63,7 @@ def test_a_recording_keeps_frames_times_and_who_and_where(recording, tmp_path, c
     info = opened.info
     assert (info.operator, info.place, info.note, info.licence) == ("Ada", "hall", "try", "CC0")
     assert (info.source, info.chirp, info.temperature_c) == ("sim", INFO.chirp, 18.5)
+    assert info.humidity_percent == 61
     assert info.started
     for ours, theirs in zip(opened, open_recording(recording), strict=True):
         np.testing.assert_array_equal(ours.frame.words, theirs.frame.words)
@@ -116,6 +118,7 @@ def test_a_recording_has_pictures_and_is_told_of_dead_microphones(tmp_path, caps
         (["--rate", "-1"], "--rate -1"),
         (["--words", "100"], "num_words 100"),
         (["--temperature-c", "200"], "--temperature-c 200"),
+        (["--humidity-percent", "101"], "--humidity-percent 101"),
         (["--split", "1kB"], "two pings"),
         (["--note", "x" * 2001], "note of 2001 characters"),
     ],

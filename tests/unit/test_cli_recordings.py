@@ -8,6 +8,7 @@ import pytest
 from ertis_daemon.chirp_guess import guess_chirp
 from ertis_daemon.cli import main
 from ertis_daemon.pipeline import build_scanner
+from ertis_detector.air import Air
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
 from ertis_driver.device import Settings
@@ -40,11 +41,11 @@ def error_of(capsys):
 
 def test_sound_at_the_audible_clock_is_no_food_for_the_detector():
     with pytest.raises(SettingsError, match="detection needs 4500000"):
-        build_scanner(Settings(pdm_rate_hz=1_125_000), 20.0)
+        build_scanner(Settings(pdm_rate_hz=1_125_000), Air())
 
 
 def test_detect_takes_the_air_of_each_ping(tmp_path, capsys):
-    """One landmark heard at -5 and at 35 C: its echo comes 7 % earlier in warm air."""
+    """One landmark heard at -5, 35, and moist 35 C: its echo comes 7 and 8 % earlier."""
     from ertis_detector.air import Air
     from ertis_driver.frame import PdmFrame
     from ertis_driver.recording import RecordingInfo, RecordingWriter
@@ -56,15 +57,16 @@ def test_detect_takes_the_air_of_each_ping(tmp_path, capsys):
     dish = DishObject("r58", Dish.landmark(58), (2.0, 0.0, 0.6), (np.pi, 0.0))
     path = tmp_path / "air.mcap"
     with RecordingWriter(path, RecordingInfo("sim", DEFAULT_CHIRP, 163_840)) as writer:
-        for index, temperature_c in enumerate((-5.0, 35.0)):
-            scene = Scene(room, Pose((0.0, 0.0, 0.6), 0.0), (dish,), air=Air(temperature_c))
+        for index, (degrees, percent) in enumerate(((-5.0, 50.0), (35.0, 10.0), (35.0, 90.0))):
+            air = Air(degrees, percent)
+            scene = Scene(room, Pose((0.0, 0.0, 0.6), 0.0), (dish,), air=air)
             words = scene.hear(index, 163_840, DEFAULT_CHIRP.samples(450e3))
-            writer.write(PdmFrame(words, index, 0), temperature_c=temperature_c)
+            writer.write(PdmFrame(words, index, 0), temperature_c=degrees, humidity_percent=percent)
     assert main(["detect", str(path), "--json", "--min-probability", "0.5"]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     for line in lines:
         assert [one["class"] for one in line["landmarks"]] == ["r58"]
-        assert line["landmarks"][0]["range_m"] == pytest.approx(2.0, abs=0.01)
+        assert line["landmarks"][0]["range_m"] == pytest.approx(2.0, abs=0.005)
         assert line["landmarks"][0]["state"] == "new"  # every ping by itself
 
 

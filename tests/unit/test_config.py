@@ -1,5 +1,4 @@
 import dataclasses
-import math
 from contextlib import suppress
 
 import pytest
@@ -18,6 +17,7 @@ from ertis_daemon.config import (
 from ertis_daemon.config_read import load_config, parse_config
 from ertis_daemon.layers import Sources
 from ertis_daemon.yaml_nodes import ConfigError
+from ertis_detector.air import Air
 from ertis_driver.device import Settings
 
 
@@ -121,9 +121,9 @@ def test_a_missing_file_is_named(tmp_path):
         load_config(tmp_path / "none.yaml")
 
 
-def test_sound_is_faster_in_warm_air():
-    assert math.isclose(Config().speed_of_sound_m_s, 343.2, abs_tol=0.1)
-    assert Config(temperature_c=0.0).speed_of_sound_m_s == 331.3
+def test_the_air_is_as_configured():
+    assert Config().air == Air(20.0, 50.0)
+    assert Config(temperature_c=0.0, humidity_percent=80.0).air == Air(0.0, 80.0)
 
 
 TWO = b"""\

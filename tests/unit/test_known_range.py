@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
+from ertis_detector.air import Air
 from ertis_detector.known_range import KnownRangeDetector
 from ertis_detector.method import KnownRangePing
 from ertis_driver.audio import PdmDecoder
@@ -26,7 +27,7 @@ def ping(radius_mm=58, range_m=2.0, asked_m=None, chirp_name=DEFAULT_CHIRP.name)
         audio=PdmDecoder().decode(words).audio,
         range_m=range_m if asked_m is None else asked_m,
         azimuth_rad=0.0,
-        temperature_c=20.0,
+        air=Air(),
         chirp=CHIRP,
         chirp_band_hz=DEFAULT_CHIRP.band_hz,
         chirp_name=chirp_name,

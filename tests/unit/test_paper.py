@@ -24,7 +24,7 @@ def ping(audio, **changes):
         audio=np.asarray(audio, np.float32),
         range_m=RANGE_M,
         azimuth_rad=0.0,
-        temperature_c=20.0,
+        air=Air(),
         chirp=CHIRP,
         chirp_band_hz=(50e3, 60e3),
         chirp_name="test",
@@ -63,13 +63,13 @@ def test_sound_farther_than_twenty_centimetres_from_the_label_is_not_seen():
 
 def test_the_crop_goes_with_the_temperature():
     cold = echo(middle(-10.0, 4.0) - 150, num_samples=16000)
-    right = paper_features(ping(cold, temperature_c=-10.0, range_m=4.0), PaperChoices())
-    wrong = paper_features(ping(cold, temperature_c=40.0, range_m=4.0), PaperChoices())
+    right = paper_features(ping(cold, air=Air(-10.0), range_m=4.0), PaperChoices())
+    wrong = paper_features(ping(cold, air=Air(40.0), range_m=4.0), PaperChoices())
     assert wrong.max() < 0.5 * right.max()
 
 
 def test_a_label_outside_the_ping_is_refused():
-    with pytest.raises(EvaluationError, match=r"range 30 m lies outside a ping of 3\.05 m"):
+    with pytest.raises(EvaluationError, match=r"range 30 m lies outside a ping of 3\.06 m"):
         paper_features(ping(echo(2000), range_m=30.0), PaperChoices())
 
 

@@ -25,7 +25,7 @@ class Ping:
     audio: np.ndarray
     range_m: float = RANGE_M
     azimuth_rad: float = AZIMUTH_RAD
-    temperature_c: float = 20.0
+    air: Air = field(default_factory=Air)
     chirp: np.ndarray = field(default_factory=lambda: SAMPLES)
     chirp_band_hz: tuple = DEFAULT_CHIRP.band_hz
     mic_positions_m: np.ndarray = field(default_factory=mic_positions_m)
@@ -124,7 +124,7 @@ def test_a_beam_hears_less_clutter_than_one_microphone(pings):
 def test_peaks_lie_where_they_would_in_air_of_20_degrees():
     rng = np.random.default_rng(2)
     cold = Air(-5.0)
-    ping = Ping(heard("r70", 0.0, rng, cold), temperature_c=-5.0)
+    ping = Ping(heard("r70", 0.0, rng, cold), air=cold)
     row = PeakMethod(sensor=SENSOR).prepare(ping)
     assert row[2] == pytest.approx(2.74e-6 * 70, abs=12e-6)
 

@@ -27,7 +27,9 @@ from ertis_driver.replay_source import ReplaySource
 
 NUM_WORDS = 32_768
 NUM_PINGS = 3
-INFO = RecordingInfo("sim", Chirp(f_start_hz=1e5 / 3), NUM_WORDS, 21.5, "2.3.4", "sim:hall.yaml")
+INFO = RecordingInfo(
+    "sim", Chirp(f_start_hz=1e5 / 3), NUM_WORDS, 21.5, 40.0, "2.3.4", "sim:hall.yaml"
+)
 TRUTH = {"landmarks": [{"class": "r48", "range_m": 1.25}]}
 
 
@@ -84,7 +86,7 @@ def test_a_recording_reads_back_as_it_was_written(recording):
     for index, ping in enumerate(pings):
         assert_same(ping.frame, make_frame(index))
     assert [ping.truth for ping in pings] == [None, TRUTH, None]
-    assert [ping.temperature_c for ping in pings] == [21.5] * 3
+    assert [(p.temperature_c, p.humidity_percent) for p in pings] == [(21.5, 40.0)] * 3
     assert len(list(opened)) == NUM_PINGS, "it can be read again"
 
 
@@ -93,10 +95,11 @@ def test_what_is_not_known_stays_unknown(tmp_path):
     assert open_recording(write(tmp_path / "a.mcap", info)).info == info
 
 
-def test_a_temperature_can_change_from_ping_to_ping(tmp_path):
+def test_the_air_can_change_from_ping_to_ping(tmp_path):
     with RecordingWriter(tmp_path / "a.mcap", INFO) as writer:
-        writer.write(make_frame(0), temperature_c=-3.25)
-    assert next(iter(read_recording(tmp_path / "a.mcap"))).temperature_c == -3.25
+        writer.write(make_frame(0), temperature_c=-3.25, humidity_percent=81.5)
+    ping = next(iter(read_recording(tmp_path / "a.mcap")))
+    assert (ping.temperature_c, ping.humidity_percent) == (-3.25, 81.5)
 
 
 def test_a_recording_without_pings_is_one(tmp_path):

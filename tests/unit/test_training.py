@@ -10,6 +10,7 @@ import pytest
 
 from ertis_daemon.cli import main
 from ertis_daemon.pipeline import build_detector
+from ertis_detector.air import Air
 from ertis_detector.detection import NONE
 from ertis_detector.model import load_model
 from ertis_driver.audio import PdmDecoder
@@ -107,7 +108,7 @@ def train(source, path, *options):
 
 def recognised(model_path):
     """Right answers among 12 new pings, and false ones."""
-    detector = build_detector(Settings(), 20.0, str(model_path), min_probability=0.5)
+    detector = build_detector(Settings(), Air(), str(model_path), min_probability=0.5)
     right = false = 0
     for number in range(100, 112):
         label = LABELS[number % len(LABELS)]

@@ -6,10 +6,12 @@ import argparse
 import dataclasses
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ertis_detector.air import Air
     from ertis_detector.detector import LandmarkDetector, Scan
     from ertis_detector.reflectors import Reflector
     from ertis_detector.scanner import Scanner
@@ -41,6 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--temperature-c", type=float, metavar="T", help="air; default: as recorded, or 20"
     )
+    parser.add_argument(
+        "--humidity-percent", type=float, metavar="H", help="the same; default: as recorded, or 50"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,16 +66,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 class _Look:
-    """One detector a temperature, and what it says of a ping."""
+    """One detector for each air, and what it says of a ping."""
 
     def __init__(self, args: argparse.Namespace, settings: Settings, recording: Recording) -> None:
         from ertis_driver.audio import PdmDecoder
 
         self._args, self._settings, self._info = args, settings, recording.info
         self._decoder = PdmDecoder()
-        self._detectors: dict[float, LandmarkDetector] = {}
+        self._detectors: dict[Air, LandmarkDetector] = {}
         self._source = "sim" if recording.info.source == "sim" else "replay"
-        self._detector(self._temperature_c(None))  # a wrong model is told before the first ping
+        self._detector(self._air(None, None))  # a wrong model is told before the first ping
 
     def at(self, ping: RecordedPing, picture: Path | None) -> dict[str, Any]:
         """One line of output; draws the picture if one is wanted."""
@@ -79,7 +84,7 @@ class _Look:
         from ertis_detector.tracker import Track
         from ertis_driver.audio import whole_samples
 
-        detector = self._detector(self._temperature_c(ping.temperature_c))
+        detector = self._detector(self._air(ping.temperature_c, ping.humidity_percent))
         scan = detector.scan(self._decoder.decode(whole_samples(ping.frame.words)).audio)
         found = [Track(n, "new", one) for n, one in enumerate(detector.judge(scan), 1)]
         line: dict[str, Any] = {
@@ -97,27 +102,29 @@ class _Look:
                 self._draw(scan, line, spots, picture)
         return line
 
-    def _temperature_c(self, of_ping: float | None) -> float:
-        from ertis_daemon.pipeline import rounded_temperature_c
+    def _air(self, temperature_c: float | None, humidity_percent: float | None) -> Air:
+        """As asked, as the ping says, or as the recording says, in this order."""
+        from ertis_daemon.pipeline import rounded
+        from ertis_detector.air import Air
 
-        for known in (self._args.temperature_c, of_ping, self._info.temperature_c):
-            if known is not None:
-                return rounded_temperature_c(known)
-        return rounded_temperature_c(None)
+        args, info = self._args, self._info
+        degrees = (args.temperature_c, temperature_c, info.temperature_c)
+        percent = (args.humidity_percent, humidity_percent, info.humidity_percent)
+        return rounded(Air.measured(_first(degrees), _first(percent)))
 
-    def _detector(self, temperature_c: float) -> LandmarkDetector:
+    def _detector(self, air: Air) -> LandmarkDetector:
         from ertis_daemon.pipeline import build_detector
 
-        if temperature_c not in self._detectors:
+        if air not in self._detectors:
             if len(self._detectors) >= _MAX_DETECTORS:
                 self._detectors.clear()
-            self._detectors[temperature_c] = build_detector(
+            self._detectors[air] = build_detector(
                 self._settings,
-                temperature_c,
+                air,
                 self._args.model or "",
                 self._args.min_probability,
             )
-        return self._detectors[temperature_c]
+        return self._detectors[air]
 
     def _reflectors(self, scanner: Scanner, scan: Scan, count: int) -> list[Reflector]:
         from ertis_detector.reflectors import strongest
@@ -139,6 +146,10 @@ class _Look:
             for one in line["landmarks"]
         ]
         draw(scan.scape, places, spots, title, picture)
+
+
+def _first(values: Iterable[float | None]) -> float | None:
+    return next((value for value in values if value is not None), None)
 
 
 def _chirp(args: argparse.Namespace, recording: Recording) -> Emission:

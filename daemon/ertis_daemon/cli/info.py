@@ -65,6 +65,7 @@ def _object(path: Path, contents: Contents) -> dict[str, Any]:
         "amplifier": info.amplifier,
         "compressed": contents.is_compressed,
         "temperature_c": info.temperature_c,
+        "humidity_percent": info.humidity_percent,
         "firmware": info.firmware,
         "device": info.address,
         "operator": info.operator,
@@ -88,6 +89,7 @@ def _rows(path: Path, contents: Contents) -> list[tuple[str, str]]:
     part = f", part {info.part}" if info.part else ""
     chirp = info.chirp.name if info.chirp else "not told"
     temperature = "" if info.temperature_c is None else f"{info.temperature_c:g} degrees Celsius"
+    humidity = "" if info.humidity_percent is None else f"{info.humidity_percent:g} %"
     return [
         ("file", f"{path}, {size_text(contents.num_bytes)}{part}"),
         ("source", {"sim": "sim: simulated, not heard"}.get(info.source, info.source)),
@@ -98,6 +100,7 @@ def _rows(path: Path, contents: Contents) -> list[tuple[str, str]]:
         ("device", " ".join(filter(None, [info.address, info.firmware and f"({info.firmware})"]))),
         ("amplifier", info.amplifier),
         ("temperature", temperature),
+        ("humidity", humidity),
         ("who", info.operator),
         ("where", info.place),
         ("note", info.note),

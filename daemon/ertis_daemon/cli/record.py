@@ -90,13 +90,16 @@ def _add_sonar_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--temperature-c", type=float, metavar="T", help="of the air, kept in the file"
     )
+    parser.add_argument(
+        "--humidity-percent", type=float, metavar="H", help="of the air, relative; the same"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Record until enough, Ctrl-C, or the sonar or the disk ends it."""
-    from ertis_daemon.pipeline import rounded_temperature_c
     from ertis_daemon.recordings.looking import Looker
     from ertis_daemon.recordings.session import Session
+    from ertis_detector.air import Air
     from ertis_driver.open import open_device
 
     settings = _settings(args)
@@ -105,8 +108,8 @@ def run(args: argparse.Namespace) -> int:
         sonar = stack.enter_context(open_device(args.address, reconnect=True))
         sonar.configure(settings)
         settings = sonar.settings or settings  # a recording keeps its own
-        temperature_c = rounded_temperature_c(args.temperature_c)
-        looker = Looker(settings, temperature_c, sonar.info.source, pictures=not args.no_pictures)
+        air = Air.measured(args.temperature_c, args.humidity_percent)
+        looker = Looker(settings, air, sonar.info.source, pictures=not args.no_pictures)
         writer = _writer(args, _info(args, sonar, settings))
         stack.callback(writer.close)
         if looker.why_no_pictures:
@@ -148,6 +151,8 @@ def _settings(args: argparse.Namespace) -> Settings:
         raise SettingsError(f"--rate {args.rate:g}, expected 0 to 100 pings a second")
     if args.temperature_c is not None and not -60 <= args.temperature_c <= 80:
         raise SettingsError(f"--temperature-c {args.temperature_c:g}, expected -60 to 80")
+    if args.humidity_percent is not None and not 0 <= args.humidity_percent <= 100:
+        raise SettingsError(f"--humidity-percent {args.humidity_percent:g}, expected 0 to 100")
     chirp = Chirp.parse(args.chirp) if args.chirp else DEFAULT_CHIRP
     return Settings(chirp, DEFAULT_NUM_WORDS if args.words is None else args.words)
 
@@ -162,6 +167,7 @@ def _info(args: argparse.Namespace, sonar: Sonar, settings: Settings) -> Recordi
         chirp=settings.chirp,
         num_words=settings.num_words,
         temperature_c=args.temperature_c,
+        humidity_percent=args.humidity_percent,
         firmware=sonar.info.firmware,
         address=sonar.info.address,
         pdm_rate_hz=settings.pdm_rate_hz,

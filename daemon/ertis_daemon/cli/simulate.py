@@ -146,7 +146,8 @@ def _record(args: argparse.Namespace, chirp: Chirp) -> None:
             for index, (words, truth) in enumerate(pool.imap(_hear, jobs, chunksize=4)):
                 # No clock ran: 10 pings a second from the epoch, so that the file is reproducible.
                 frame = PdmFrame(words, index, index * 100_000_000)
-                writer.write(frame, truth, temperature_c=truth["temperature_c"])
+                air = {name: truth[name] for name in ("temperature_c", "humidity_percent")}
+                writer.write(frame, truth, **air)
                 _show(index + 1, num_pings)
         part.replace(args.output)
     finally:

@@ -121,8 +121,8 @@ class Session:
             self._settings.chirp,
             self._settings.num_words,
             place.temperature_c,
-            about.firmware,
-            about.address,
+            firmware=about.firmware,
+            address=about.address,
             operator=place.operator,
             place=f"{place.environment}/{place.session}",
         )

@@ -119,7 +119,12 @@ class _Mcap(_Output):
         self._writer = RecordingWriter(path, info, compress=choice.compress)
 
     def write(self, ping: RecordedPing) -> None:
-        self._writer.write(ping.frame, ping.truth, temperature_c=ping.temperature_c)
+        self._writer.write(
+            ping.frame,
+            ping.truth,
+            temperature_c=ping.temperature_c,
+            humidity_percent=ping.humidity_percent,
+        )
 
     def close(self) -> None:
         self._writer.close()

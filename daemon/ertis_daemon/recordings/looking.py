@@ -12,6 +12,7 @@ from ertis_driver.health import DIRECT_PATH_S, PingHealth, check_ping
 
 if TYPE_CHECKING:
     from ertis_daemon.recordings.scene_channel import ScenePicture
+    from ertis_detector.air import Air
     from ertis_detector.scanner import Scanner
     from ertis_driver.device import Settings
 
@@ -68,7 +69,7 @@ class Looker:
     def __init__(
         self,
         settings: Settings,
-        temperature_c: float,
+        air: Air,
         source: Source,
         *,
         pictures: bool = True,
@@ -80,16 +81,16 @@ class Looker:
         self._scanner: Scanner | None = None
         self._picture: ScenePicture | None = None
         if pictures:
-            self._prepare_pictures(settings, temperature_c, source)
+            self._prepare_pictures(settings, air, source)
 
-    def _prepare_pictures(self, settings: Settings, temperature_c: float, source: Source) -> None:
+    def _prepare_pictures(self, settings: Settings, air: Air, source: Source) -> None:
         from ertis_daemon.pipeline import build_scanner
         from ertis_daemon.recordings.scene_channel import ScenePicture
         from ertis_detector.errors import DetectorError
         from ertis_driver.errors import SettingsError
 
         try:
-            self._scanner = build_scanner(settings, temperature_c)
+            self._scanner = build_scanner(settings, air)
         except (DetectorError, SettingsError) as error:
             self.why_no_pictures = str(error)
         self._picture = ScenePicture(source)

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ertis_daemon.labelled import recorded_truth
-from ertis_daemon.pipeline import NOMINAL_TEMPERATURE_C, build_scanner
+from ertis_daemon.pipeline import build_scanner
 from ertis_daemon.workers import Workers
+from ertis_detector.air import Air
 from ertis_detector.detector import LandmarkDetector
 from ertis_detector.evaluate import DEFAULT_RATE_HZ, Evaluation, evaluate
 from ertis_detector.matching import JudgedPing, TrueLandmark
@@ -98,14 +99,11 @@ class Judge:
         self, source: Source, info: RecordingInfo, chirp: Emission, ping: RecordedPing
     ) -> JudgedPing:
         landmarks = _truth(source, ping)
-        temperature_c = ping.temperature_c
-        if temperature_c is None:
-            temperature_c = NOMINAL_TEMPERATURE_C
         detector = LandmarkDetector(
             model_for(self.model, chirp.name, self._models),
             build_scanner(
                 Settings(chirp, info.num_words, pdm_rate_hz=info.pdm_rate_hz),
-                temperature_c,
+                Air.measured(ping.temperature_c, ping.humidity_percent),
             ),
             chirp=chirp.name,
             audio_filter=FILTER_VERSION,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ertis_daemon.pipeline import NOMINAL_TEMPERATURE_C
+from ertis_detector.air import Air
 from ertis_detector.method import KnownRangePing, Method
 from ertis_detector.protocol import Labels
 from ertis_driver.audio import PdmDecoder, whole_samples
@@ -62,12 +62,11 @@ class Preparer:
                 f"{path}: PDM clock {info.pdm_rate_hz} Hz, expected {PDM_RATE_HZ}: the protocol "
                 "is for 450 kHz audio"
             )
-        temperature_c = ping.temperature_c
         known = KnownRangePing(
             audio=self._decoder.decode(whole_samples(ping.frame.words)).audio,
             range_m=row.range_m,
             azimuth_rad=row.azimuth_rad,
-            temperature_c=NOMINAL_TEMPERATURE_C if temperature_c is None else temperature_c,
+            air=Air.measured(ping.temperature_c, ping.humidity_percent),
             chirp=info.chirp.samples(AUDIO_RATE_HZ),
             chirp_band_hz=info.chirp.band_hz,
             chirp_name=info.chirp.name,

@@ -235,6 +235,7 @@ class SonarLife(threading.Thread):
                 chirp=settings.chirp,
                 num_words=settings.num_words,
                 temperature_c=config.temperature_c,
+                humidity_percent=config.humidity_percent,
                 firmware=info.firmware,
                 address=info.address,
                 pdm_rate_hz=settings.pdm_rate_hz,

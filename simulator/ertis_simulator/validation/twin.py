@@ -50,7 +50,7 @@ class StrongEcho:
 
 # Found by beamforming the real ping; strengths make the levels at 46 kHz equal. On the axis perfect
 # walls would have 1.60 and 1.87, half the range.
-ECHOES = (StrongEcho(3.204, -7.7, 4.0, 1.89), StrongEcho(3.740, 5.5, 0.0, 1.61))
+ECHOES = (StrongEcho(3.210, -7.7, 4.0, 1.89), StrongEcho(3.747, 5.5, 0.0, 1.61))
 
 
 def twin(seed: int) -> npt.NDArray[np.uint32]:
