@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,26 @@ class TrueLandmark:
     tilt_rad: float = math.nan
     visible: bool = True
     own_to_rest_db: float = math.nan
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> TrueLandmark:
+        """As a recording's truth tells of one.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If a field is missing or garbled.
+        """
+        ratio_db = told.get("own_to_rest_db")
+        return cls(
+            label=str(told["label"]),
+            range_m=float(told["range_m"]),
+            azimuth_rad=float(told["azimuth_rad"]),
+            elevation_rad=float(told["elevation_rad"]),
+            tilt_rad=float(told.get("tilt_rad", math.nan)),
+            visible=bool(told["visible"]),
+            own_to_rest_db=math.nan if ratio_db is None else float(ratio_db),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -227,7 +227,7 @@ def _truth(source: Source, ping: RecordedPing) -> tuple[TrueLandmark, ...]:
     try:
         truth = recorded_truth(row, ping.truth)
         if truth is not None:
-            return tuple(_landmark(one) for one in truth["landmarks"])
+            return tuple(map(TrueLandmark.of, truth["landmarks"]))
     except (KeyError, TypeError, ValueError) as error:
         raise RecordingError(
             f"{source.path}: ping {ping.frame.ping_index}: its truth lacks or garbles "
@@ -245,16 +245,3 @@ def _truth(source: Source, ping: RecordedPing) -> tuple[TrueLandmark, ...]:
             f"{METADATA}"
         )
     return (TrueLandmark(row.label, row.range_m, row.azimuth_rad, tilt_rad=abs(row.yaw_rad)),)
-
-
-def _landmark(one: dict[str, Any]) -> TrueLandmark:
-    ratio_db = one.get("own_to_rest_db")
-    return TrueLandmark(
-        label=str(one["label"]),
-        range_m=float(one["range_m"]),
-        azimuth_rad=float(one["azimuth_rad"]),
-        elevation_rad=float(one["elevation_rad"]),
-        tilt_rad=float(one.get("tilt_rad", math.nan)),
-        visible=bool(one["visible"]),
-        own_to_rest_db=math.nan if ratio_db is None else float(ratio_db),
-    )
