@@ -1,4 +1,4 @@
-"""PDM words to 450 kHz audio: byte table, then a small banded matrix over overlapping blocks."""
+"""PDM words to 450 kHz audio: a table tells what ten bits add to the eight samples they are in."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ertis_driver.audio_filter import LEAD, TAPS, UNITY, heard_of_bit
+from ertis_driver.audio_filter import LEAD, TAPS, UNITY
+from ertis_driver.digits import CUT, NUM_DIGITS, SILENT, DigitReader
 from ertis_driver.frame import DECIMATION, NUM_MICS
-from ertis_driver.halfword import find_corrupt_bits
+from ertis_driver.halfword import mend
 
-OUTPUTS_PER_BLOCK = 6
-BLOCKS_PER_CHUNK = 64  # 0.5 MB of expanded bits: stays in the L2 cache, which is what makes it fast
-_HOP = OUTPUTS_PER_BLOCK * DECIMATION
-_BLOCK_ROWS = _HOP - DECIMATION + TAPS.size
-_CHUNK_ROWS = BLOCKS_PER_CHUNK * _HOP
+_SAMPLES = TAPS.size // DECIMATION  # that a digit is heard in
+_FIRST_DIGIT = -(LEAD + 1) // DECIMATION  # of those that sample 0 is made of
+_CHUNK_SAMPLES = 4096  # what is made on the way stays in the L2 cache, which makes it fast
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,17 +31,14 @@ class DecodedAudio:
     half_words_repaired: int
 
 
-def _byte_table() -> npt.NDArray[np.float32]:
-    bits = (np.arange(256)[:, None] >> np.arange(8)) & 1
-    return np.asarray((2 * bits - 1).astype(np.float32))
-
-
-def _banded_matrix() -> npt.NDArray[np.float32]:
-    matrix = np.zeros((OUTPUTS_PER_BLOCK, _BLOCK_ROWS), np.float32)
-    for output in range(OUTPUTS_PER_BLOCK):
-        # A power of two scales exactly.
-        matrix[output, output * DECIMATION : output * DECIMATION + TAPS.size] = TAPS / UNITY
-    return matrix
+def _digit_table() -> npt.NDArray[np.float32]:
+    """What each digit adds to the samples that it is in, the earliest first; shape (n, 8)."""
+    bits = 2 * ((np.arange(CUT)[:, None] >> np.arange(DECIMATION)) & 1) - 1
+    taps = TAPS.reshape(_SAMPLES, DECIMATION).T
+    table = np.zeros((NUM_DIGITS, _SAMPLES))
+    table[:CUT] = bits @ taps
+    table[CUT:SILENT] = bits[: SILENT - CUT, :-1] @ taps[:-1]
+    return (table[:, ::-1] / UNITY).astype(np.float32)  # a power of two: exact
 
 
 class PdmDecoder:
@@ -53,19 +49,21 @@ class PdmDecoder:
     """
 
     def __init__(self) -> None:
-        self._table = _byte_table()
-        self._matrix = _banded_matrix()
-        rows = _CHUNK_ROWS + _BLOCK_ROWS - _HOP
-        self._bits = np.zeros((rows, NUM_MICS), np.float32)
-        self._octets = np.empty((rows, 4), np.intp)
-        stride = self._bits.strides
-        self._blocks = np.lib.stride_tricks.as_strided(
-            self._bits,
-            (BLOCKS_PER_CHUNK, _BLOCK_ROWS, NUM_MICS),
-            (_HOP * stride[0], stride[0], stride[1]),
+        steps = _CHUNK_SAMPLES // _SAMPLES + 1
+        self._reader = DigitReader(steps, _SAMPLES)
+        self._table = _digit_table()
+        self._index = np.empty((2, _SAMPLES, steps), np.intp)
+        # Every eighth digit adds to the next eight samples: side by side they are a row in time.
+        self._added = np.empty((2, _SAMPLES, steps, _SAMPLES), np.float32)
+        row, item = self._added.strides[1], self._added.itemsize
+        # Each row begins a sample later than the one before.
+        self._rows = np.lib.stride_tricks.as_strided(
+            self._added.reshape(-1)[_SAMPLES - 1 :],
+            (2, _SAMPLES, _CHUNK_SAMPLES),
+            (_SAMPLES * row, row - item, item),
             writeable=False,
         )
-        self._sums = np.empty((BLOCKS_PER_CHUNK, OUTPUTS_PER_BLOCK, NUM_MICS), np.float32)
+        self._ones = np.ones((1, _SAMPLES), np.float32)
 
     def decode(
         self, words: npt.NDArray[np.uint32], out: npt.NDArray[np.float32] | None = None
@@ -101,43 +99,20 @@ class PdmDecoder:
                 f"out: met {audio.dtype} of shape {audio.shape}, expected float32 of shape {shape}"
             )
         self._decimate(words, audio)
-        corrupt = find_corrupt_bits(words, audio)
-        for position, bits in corrupt.items():
-            self._mend(audio, words[position], position, bits)
-        return DecodedAudio(audio, len(corrupt))
+        return DecodedAudio(audio, mend(words, audio))
 
     def _decimate(self, words: npt.NDArray[np.uint32], audio: npt.NDArray[np.float32]) -> None:
-        num_out = audio.shape[1]
-        octets = words.view(np.uint8).reshape(words.size, 4)
-        for first_out in range(0, num_out, BLOCKS_PER_CHUNK * OUTPUTS_PER_BLOCK):
-            self._expand(octets, first_out * DECIMATION - LEAD)
-            np.matmul(self._matrix, self._blocks, out=self._sums)
-            flat = self._sums.reshape(-1, NUM_MICS)[: num_out - first_out]
-            audio[:, first_out : first_out + len(flat)] = flat.T
-
-    def _expand(self, octets: npt.NDArray[np.uint8], first: int) -> None:
-        """Fill the bit buffer with words ``first ...``; silence where there are none."""
-        rows = self._bits
-        start, stop = max(first, 0), min(first + len(rows), len(octets))
-        a, b = start - first, max(stop - first, 0)
-        rows[:a] = 0
-        rows[b:] = 0
-        if b > a:
-            # What take would do itself, in fresh memory.
-            index = self._octets[: b - a]
-            index[...] = octets[start:stop]
-            self._table.take(index, 0, rows[a:b].reshape(b - a, 4, 8), "wrap")
-        if start == 0:
-            rows[a] = 0  # word 0
-
-    @staticmethod
-    def _mend(
-        audio: npt.NDArray[np.float32], word: np.uint32, position: int, bits: list[int]
-    ) -> None:
-        """Turn the wrong bits of one word over, exactly, in the audio they went into."""
-        near, response = heard_of_bit(position, audio.shape[1])
-        signs = np.where((word >> np.array(bits, np.uint32)) & 1, np.float32(2), np.float32(-2))
-        audio[bits, near] -= signs[:, None] * response
+        num_samples = audio.shape[1]
+        two_mics = audio.reshape(2, NUM_MICS // 2, 1, num_samples).swapaxes(0, 1)
+        for first in range(0, num_samples, _CHUNK_SAMPLES):
+            chunk = two_mics[..., first : first + _CHUNK_SAMPLES]
+            rows = self._rows[..., : chunk.shape[3]]
+            digits = self._reader.read(words, first + _FIRST_DIGIT)
+            for two_digits, two_sums in zip(digits, chunk, strict=True):
+                # What take would do itself, in fresh memory.
+                self._index[...] = two_digits
+                self._table.take(self._index, 0, self._added, "wrap")
+                np.matmul(self._ones, rows, out=two_sums)
 
 
 def whole_samples(words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:

@@ -84,11 +84,3 @@ def _responses() -> npt.NDArray[np.float64]:
 
 # ``bit_response`` within reach, for each place of a word in its audio sample: (10, 16).
 RESPONSES = _responses()
-
-
-def heard_of_bit(position: int, num_samples: int) -> tuple[slice, npt.NDArray[np.float32]]:
-    """The audio samples that one +1 bit at word ``position`` went into, and what it added there."""
-    centre, place = divmod(position, DECIMATION)
-    first, end = centre - RESPONSE_REACH, min(centre + RESPONSE_REACH, num_samples)
-    response = RESPONSES[place, max(-first, 0) : end - first]
-    return slice(max(first, 0), end), response.astype(np.float32)

@@ -43,43 +43,77 @@ def _templates() -> npt.NDArray[np.float32]:
 
 
 _TEMPLATES = _templates()
+_TWO_BITS = (2 * RESPONSES).astype(np.float32)  # from -1 to 1
+_AROUND = np.arange(-RESPONSE_REACH, RESPONSE_REACH)
+_HIGH_MICS = np.arange(_HALF, NUM_MICS, dtype=np.uint32)
 
 
-def find_corrupt_bits(
-    words: npt.NDArray[np.uint32], audio: npt.NDArray[np.float32]
-) -> dict[int, list[int]]:
-    """Which bits of which words are wrong.
+def mend(words: npt.NDArray[np.uint32], audio: npt.NDArray[np.float32]) -> int:
+    """Turn the wrong bits of a frame over in the audio they went into, exactly.
 
     Parameters
     ----------
     words : uint32, shape (num_words,)
     audio : float32, shape (32, num_words // 10)
-        The same frame, decimated.
+        The same frame, decimated; changed in place.
 
     Returns
     -------
-    dict of word position -> microphones (16 to 31) whose bit there must be turned over
-        Empty if equal halves are so many that they must have another cause.
+    int
+        How many corrupt half-words were found.
     """
+    positions, turned = find_corrupt_bits(words, audio)
+    centres, places = np.divmod(positions, DECIMATION)
+    change = turned[:, :, None] * _TWO_BITS[places, None, :]
+    for centre, one in zip(centres.tolist(), change, strict=True):
+        audio[_HALF:, centre - RESPONSE_REACH : centre + RESPONSE_REACH] += one
+    return len(positions)
+
+
+def find_corrupt_bits(
+    words: npt.NDArray[np.uint32], audio: npt.NDArray[np.float32]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.float32]]:
+    """Which bits of which words are wrong.
+
+    Parameters
+    ----------
+    words, audio
+        As of ``mend``.
+
+    Returns
+    -------
+    positions : intp, shape (n,)
+        Of words with wrong bits. None if equal halves are so many that they must have another
+        cause.
+    turned : float32, shape (n, 16)
+        For microphones 16 to 31: 1 where a 0 must be a 1, -1 where a 1 must be a 0, else 0.
+    """
+    positions = _equal_halves(words)
+    inside = slice(*np.searchsorted(positions, _bounds(audio.shape[1])))
+    positions = positions[inside]
+    if positions.size > _MAX_CANDIDATES:
+        positions = positions[:0]
+    centres, places = np.divmod(positions, DECIMATION)
+    heard = audio[:, centres[:, None] + _AROUND]
+    # In bits: +-2 where one is wrong.
+    amplitude = np.einsum("mcs,cs->cm", heard, _TEMPLATES[places])
+    energy = amplitude**2
+    untouched = np.maximum(energy[:, :_HALF].sum(axis=1), 1.0)
+    clicks = energy[:, _HALF:].sum(axis=1) >= _ENERGY_RATIO * untouched
+    signs = 2.0 * ((words[positions, None] >> _HIGH_MICS) & 1) - 1.0
+    wrong = (amplitude[:, _HALF:] * signs > 1.0) & clicks[:, None]
+    corrupt = wrong.any(axis=1)
+    turned = np.where(wrong[corrupt], -signs[corrupt], 0.0)
+    return positions[corrupt], turned.astype(np.float32)
+
+
+def _equal_halves(words: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp]:
+    """Positions of the words whose high half is the next one's low half."""
     halves = words.view("<u2")  # low, high, low, high ...
     equal = np.flatnonzero(halves[1:-1] == halves[2:])
-    positions = equal[equal % 2 == 0] // 2
-    centres = positions // DECIMATION
-    inside = (centres >= RESPONSE_REACH) & (centres < audio.shape[1] - RESPONSE_REACH)
-    positions, centres = positions[inside], centres[inside]
-    if not 0 < positions.size <= _MAX_CANDIDATES:
-        return {}
-    windows = np.lib.stride_tricks.sliding_window_view(audio, 2 * RESPONSE_REACH, axis=1)
-    heard = windows[:, centres - RESPONSE_REACH]
-    # In bits: +-2 where one is wrong.
-    amplitude = np.einsum("mcs,cs->cm", heard, _TEMPLATES[positions % DECIMATION])
-    energy = amplitude**2
-    clicks = energy[:, _HALF:].sum(axis=1) >= _ENERGY_RATIO * np.maximum(
-        energy[:, :_HALF].sum(axis=1), 1.0
-    )
-    mics = np.arange(_HALF, NUM_MICS)
-    signs = np.where((words[positions, None] >> mics.astype(np.uint32)) & 1, 1.0, -1.0)
-    wrong = (amplitude[:, _HALF:] * signs > 1.0) & clicks[:, None]
-    return {
-        int(positions[row]): mics[wrong[row]].tolist() for row in np.flatnonzero(wrong.any(axis=1))
-    }
+    return np.asarray(equal[equal % 2 == 0] // 2)
+
+
+def _bounds(num_samples: int) -> tuple[int, int]:
+    """Words between which a click is not cut off by the frame's ends."""
+    return RESPONSE_REACH * DECIMATION, (num_samples - RESPONSE_REACH) * DECIMATION
