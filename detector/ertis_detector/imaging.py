@@ -134,10 +134,12 @@ class MatchedFilter:
             self._compressed = np.zeros((len(audio), self.baseband.num_samples), np.complex64)
         for first in range(0, len(audio), _BATCH_MICS):
             batch = slice(first, first + _BATCH_MICS)
-            self._compress(audio[batch], self._compressed[batch])
+            self._correlate(audio[batch], self._compressed[batch])
+        self._compressed = scipy.fft.ifft(self._compressed, axis=1, overwrite_x=True)
         return self._compressed
 
-    def _compress(self, audio: npt.NDArray[np.float32], kept: Complex) -> None:
+    def _correlate(self, audio: npt.NDArray[np.float32], kept: Complex) -> None:
+        """The spectrum of what is returned."""
         faded = self._faded[: len(audio)]
         np.multiply(audio[:, : self.blank], self._fade, out=faded[:, : self.blank])
         faded[:, : self._tail] = audio[:, self._length :]
@@ -148,7 +150,6 @@ class MatchedFilter:
         np.multiply(spectrum[:, self._above], above, out=kept[:, : above.size])
         kept[:, above.size : -below.size] = 0
         np.multiply(spectrum[:, self._below], below, out=kept[:, -below.size :])
-        kept[...] = scipy.fft.ifft(kept, axis=1, overwrite_x=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
