@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ertis_detector.imaging import Energyscape, Float, unit_vectors
 
@@ -47,43 +46,49 @@ def propose(
     within_m : (nearest, furthest) or None
         Ranges looked at; None for all.
     """
-    azimuth_rad, power = scape.azimuth_rad, scape.power
-    floor = scape.noise_floor
-    weight = (scape.range_m**range_exponent).astype(np.float32)
-    if within_m is not None:
-        weight[(scape.range_m < within_m[0]) | (scape.range_m > within_m[1])] = 0
-    least = np.full(power.shape[1], floor * 10 ** (np.asarray(min_snr_db) / 10), np.float32)
-    ranked = power * weight
-    ranked *= power >= least
-    toward = unit_vectors(azimuth_rad, scape.elevation_rad)
+    peaks = _StrongCells(scape, min_snr_db, range_exponent, within_m)
     found: list[Proposal] = []
-    while len(found) < max_count:
-        direction, cell = np.unravel_index(int(ranked.argmax()), ranked.shape)
-        if ranked[direction, cell] <= 0:
-            break
-        peak = float(power[direction, cell])
-        found.append(
-            Proposal(
-                float(scape.range_m[cell]),
-                float(azimuth_rad[direction]),
-                float(10 * np.log10(peak / floor)),
-            )
-        )
-        away = np.abs(toward - toward[direction])
-        main_lobe = (away[:, 1] < _MAIN_LOBE_SINE[0]) & (away[:, 2] < _MAIN_LOBE_SINE[1])
-        _hide(ranked, power, peak, int(cell), main_lobe)
+    while len(found) < max_count and (peak := peaks.take_highest()) is not None:
+        found.append(peak)
     return found
 
 
-def _hide(
-    ranked: npt.NDArray[np.float32],
-    power: npt.NDArray[np.float32],
-    peak: float,
-    cell: int,
-    main_lobe: npt.NDArray[np.bool_],
-) -> None:
-    near = slice(max(cell - _MAIN_LOBE_CELLS, 0), cell + _MAIN_LOBE_CELLS + 1)
-    ranked[main_lobe, near] = 0
-    for cells, part in (_ARRAY_SIDELOBES, _CHIRP_SIDELOBES):
-        around = slice(max(cell - cells, 0), cell + cells + 1)
-        ranked[:, around] *= power[:, around] >= peak * part
+class _StrongCells:
+    """The cells of an energyscape that are strong enough: few, so that all work is on them."""
+
+    def __init__(
+        self,
+        scape: Energyscape,
+        min_snr_db: float | Float,
+        range_exponent: float,
+        within_m: tuple[float, float] | None,
+    ) -> None:
+        range_m = scape.range_m
+        least = np.full(range_m.size, scape.noise_floor * 10 ** (np.asarray(min_snr_db) / 10))
+        if within_m is not None:
+            least[(range_m < within_m[0]) | (range_m > within_m[1])] = np.inf
+        strong = np.flatnonzero(scape.power >= least.astype(np.float32))
+        self._scape = scape
+        self._direction, self._cell = np.divmod(strong, range_m.size)
+        self._power = scape.power.ravel()[strong]
+        self._ranked = self._power * (range_m**range_exponent).astype(np.float32)[self._cell]
+        self._toward = unit_vectors(scape.azimuth_rad, scape.elevation_rad)
+
+    def take_highest(self) -> Proposal | None:
+        """The most promising one, which hides what may be its own; None if none is left."""
+        if not self._ranked.any():
+            return None
+        at = int(self._ranked.argmax())
+        direction, cell, peak = self._direction[at], self._cell[at], float(self._power[at])
+        away = np.abs(self._toward - self._toward[direction])
+        main_lobe = (away[:, 1] < _MAIN_LOBE_SINE[0]) & (away[:, 2] < _MAIN_LOBE_SINE[1])
+        cells_away = np.abs(self._cell - cell)
+        hidden = (cells_away <= _MAIN_LOBE_CELLS) & main_lobe[self._direction]
+        for cells, part in (_ARRAY_SIDELOBES, _CHIRP_SIDELOBES):
+            hidden |= (cells_away <= cells) & (self._power < peak * part)
+        self._ranked[hidden] = 0
+        return Proposal(
+            float(self._scape.range_m[cell]),
+            float(self._scape.azimuth_rad[direction]),
+            float(10 * np.log10(peak / self._scape.noise_floor)),
+        )
