@@ -9,6 +9,7 @@ in the envelope, in the spectrum's ripple, and in the spectrum's transform, the 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -89,6 +90,9 @@ class EchoFeatures:
         self._bins = inside[np.argsort(frequency[inside])]
         self.frequency_hz = frequency[self._bins]
         self._inverse = self._division(matched_filter, chirp)
+        # A fragment's middle is time zero: half its length later every other line has its sign
+        # changed.
+        self._inverse *= 1 - 2 * (self._bins % 2)
         self._sensor_db = np.interp(self.frequency_hz, _SENSOR_HZ, _SENSOR_DB)
         self._absorption_db_m = Air(air.temperature_c, _HUMIDITY_PERCENT).absorption_db_m(
             self.frequency_hz
@@ -167,8 +171,7 @@ class EchoFeatures:
 
         Scattering length times a constant of the sensor's loudness.
         """
-        gated = scipy.fft.ifftshift(fragments * gate(), axes=1)
-        spectrum = scipy.fft.fft(gated, axis=1)[:, self._bins]
+        spectrum = scipy.fft.fft(fragments * gate(), axis=1)[:, self._bins]
         cosine = np.cos(places.azimuth_rad) * np.cos(places.elevation_rad)
         sine = np.sqrt(np.maximum(1 - cosine**2, 0))
         pattern = np.abs(piston_pattern(self._wavenumber[None, :], sine[:, None]))
@@ -208,10 +211,17 @@ def array_coherence(focus: Focus, baseband: Complex, points_m: Float) -> Float:
     """
     delays_s = focus.delays_s(points_m)
     pieces, residue = focus.windows(baseband, delays_s, _COHERENCE_SAMPLES)
-    time_s = np.arange(_COHERENCE_SAMPLES) / RATE_HZ
-    subbands_hz = focus.info.half_band_hz * _SUBBANDS
-    to_subbands = phasor(-np.outer(time_s, subbands_hz)) * hann(_COHERENCE_SAMPLES)[:, None]
+    subbands_hz, to_subbands = _subbands(focus.info.half_band_hz)
     heard = (pieces @ to_subbands) * phasor(residue[:, :, None] * subbands_hz)
     together = np.abs(heard.sum(axis=1)) ** 2
     each = np.sum(np.abs(heard) ** 2, axis=1)
     return np.asarray(together / (heard.shape[1] * each + 1e-20), np.float64)
+
+
+@cache
+def _subbands(half_band_hz: float) -> tuple[Float, Complex]:
+    """Frequencies, and what takes a window to its parts there, shape (window, num_subbands)."""
+    time_s = np.arange(_COHERENCE_SAMPLES) / RATE_HZ
+    subbands_hz = half_band_hz * _SUBBANDS
+    taper = hann(_COHERENCE_SAMPLES)[:, None]
+    return subbands_hz, phasor(-np.outer(time_s, subbands_hz)) * taper

@@ -275,13 +275,10 @@ def _two_tap_weights(part: Float, half_band_hz: float) -> Float:
     -------
     shape (..., 2)
     """
-    half = 2 * np.pi * half_band_hz / RATE_HZ
-
-    def mean(shift: Float) -> Float:  # of e^{iw shift} over the band
-        return np.sinc(half * shift / np.pi)
-
-    neighbour = float(mean(np.array(1.0)))
-    to_first, to_next = mean(part), mean(1 - part)
+    # Means of e^{iw shift} over the band, for shifts of one sample and to either one.
+    whole = 2 * half_band_hz / RATE_HZ
+    neighbour = float(np.sinc(whole))
+    to_first, to_next = np.sinc(whole * np.stack([part, 1 - part]))
     scale = 1 / (1 - neighbour**2)
     first = (to_first - neighbour * to_next) * scale
     following = (to_next - neighbour * to_first) * scale
@@ -351,9 +348,11 @@ def _pieces(baseband: Complex, first: npt.NDArray[np.intp], length: int) -> Comp
     """Copies of each microphone's samples from ``first``, shape (num_points, num_mics), on."""
     mic = np.arange(len(baseband))[None, :]
     if first.min() >= 0 and first.max() <= baseband.shape[1] - length:
-        return np.asarray(
-            np.lib.stride_tricks.sliding_window_view(baseband, length, axis=1)[mic, first]
-        )
+        # As sliding_window_view, which takes as long as the copying.
+        shape = (len(baseband), baseband.shape[1] - length + 1, length)
+        strides = (*baseband.strides, baseband.strides[1])
+        windows = np.lib.stride_tricks.as_strided(baseband, shape, strides, writeable=False)
+        return np.asarray(windows[mic, first])
     index = first[:, :, None] + np.arange(length)
     valid = (index >= 0) & (index < baseband.shape[1])
     inside = np.clip(index, 0, baseband.shape[1] - 1)

@@ -21,8 +21,10 @@ _STEPS_RAD = np.deg2rad(
     ((2.0, 4.0), (0.7, 1.4))
 )  # a third moves 19 in 20 by less than 0.07 degrees
 _MAX_ELEVATION_RAD = np.deg2rad(60.0)
+_GRID_A, _GRID_E = np.repeat([-1, 0, 1], 3), np.tile([-1, 0, 1], 3)
 # Beyond +-28 kHz of the carrier no chirp of this sensor has energy; between lie no new facts.
 _SUBBANDS = np.arange(-4, 5, 2)
+_LEAST_BEND = 1e-20  # of power; what is heard bends by 1e-10 or more
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +65,9 @@ def locate(
         return []
     range_m, azimuth, elevation = range_m[kept], azimuth[kept], elevation[kept]
     steerer.keep(kept)
-    grid_a, grid_e = (grid.ravel() for grid in np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"))
     for step_a, step_e in _STEPS_RAD:
         energy = steerer.energy(
-            azimuth[:, None] + step_a * grid_a, elevation[:, None] + step_e * grid_e
+            azimuth[:, None] + step_a * _GRID_A, elevation[:, None] + step_e * _GRID_E
         ).reshape(-1, 3, 3)
         azimuth = azimuth + step_a * _tops(energy.max(axis=2))
         elevation = elevation + step_e * _tops(energy.max(axis=1))
@@ -111,14 +112,14 @@ class _Steerer:
         later = self._focus.delays_s(toward.reshape(-1, 3)).reshape(count, directions, -1)
         later -= self._delays[:, None, :]
         turned = phasor(later.astype(np.float32)[:, None] * self._subbands_hz)
-        beams = turned @ self._heard
-        return np.asarray(np.sum(beams.real**2 + beams.imag**2, axis=(1, 3)), np.float64)
+        parts = (turned @ self._heard).view(np.float32)
+        return np.asarray(np.einsum("psdi,psdi->pd", parts, parts), np.float64)
 
 
 def _tops(three: npt.NDArray[np.floating]) -> Float:
     """Offsets of parabolas' tops from the middle of three values, in steps; shape (n, 3) in."""
     a, b, c = three[:, 0], three[:, 1], three[:, 2]
-    bend = a - 2 * b + c
-    safe = np.where(bend < 0, bend, -1.0)
-    top = np.clip((a - c) / (2 * safe), -1.0, 1.0)
-    return np.asarray(np.where(bend < 0, top, np.where(c > a, 1.0, -1.0)), np.float64)
+    # One that does not bend down has its top at the greater end.
+    bend = np.minimum(a - 2 * b + c, -_LEAST_BEND)
+    top = np.maximum(np.minimum((a - c) / (2 * bend), 1.0), -1.0)
+    return np.asarray(top, np.float64)

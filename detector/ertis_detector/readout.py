@@ -107,13 +107,22 @@ def terms(
     """
     sphere_m = SPHERE_RADIUS * _radii_m(labels)
     seen = np.clip(sphere_m / range_m, _SEEN[0], _SEEN[-1])
-    shares = np.stack([np.interp(seen, _SEEN, one) for one in np.eye(_SEEN.size)], axis=1)
     centre_m = np.maximum(range_m - _CENTRE_OFFSET * _radii_m(labels), range_m / 2)
     aside = sphere_m * np.sin(tilt_rad) / centre_m
     coherence = np.clip(features[:, COHERENCE].mean(axis=1), _LEAST_COHERENCE, 1.0)
     foreign = (1 - coherence.astype(np.float64)) / coherence
     rest = np.stack([aside**2, 10 ** (-snr_db / 10), foreign, foreign**2], axis=1)
-    return np.concatenate([shares, rest], axis=1)
+    return np.concatenate([_shares(seen), rest], axis=1)
+
+
+def _shares(seen: Float) -> Float:
+    """What of each value the knots below and above it have, shape (n, num_knots)."""
+    below = np.minimum(np.searchsorted(_SEEN, seen, "right") - 1, _SEEN.size - 2)
+    part = (seen - _SEEN[below]) / (_SEEN[below + 1] - _SEEN[below])
+    shares = np.zeros((seen.size, _SEEN.size))
+    row = np.arange(seen.size)
+    shares[row, below], shares[row, below + 1] = 1 - part, part
+    return shares
 
 
 def _radii_m(labels: Sequence[str]) -> Float:
