@@ -63,7 +63,6 @@ class PdmDecoder:
             (_SAMPLES * row, row - item, item),
             writeable=False,
         )
-        self._ones = np.ones((1, _SAMPLES), np.float32)
 
     def decode(
         self, words: npt.NDArray[np.uint32], out: npt.NDArray[np.float32] | None = None
@@ -103,16 +102,16 @@ class PdmDecoder:
 
     def _decimate(self, words: npt.NDArray[np.uint32], audio: npt.NDArray[np.float32]) -> None:
         num_samples = audio.shape[1]
-        two_mics = audio.reshape(2, NUM_MICS // 2, 1, num_samples).swapaxes(0, 1)
+        two_mics = audio.reshape(2, NUM_MICS // 2, num_samples).swapaxes(0, 1)
         for first in range(0, num_samples, _CHUNK_SAMPLES):
             chunk = two_mics[..., first : first + _CHUNK_SAMPLES]
-            rows = self._rows[..., : chunk.shape[3]]
+            rows = self._rows[..., : chunk.shape[2]]
             digits = self._reader.read(words, first + _FIRST_DIGIT)
             for two_digits, two_sums in zip(digits, chunk, strict=True):
                 # What take would do itself, in fresh memory.
                 self._index[...] = two_digits
                 self._table.take(self._index, 0, self._added, "wrap")
-                np.matmul(self._ones, rows, out=two_sums)
+                np.add.reduce(rows, axis=1, out=two_sums)
 
 
 def whole_samples(words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:

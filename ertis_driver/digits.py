@@ -25,6 +25,8 @@ _EXCHANGES = tuple(
 )
 _LOW_OCTETS, _EIGHT = np.uint32(0x00FF_00FF), np.uint16(8)
 _LAST_TWO = np.uint32(0x0300_0300)  # of the ten bits
+_TO_LEFT = np.array([8, 6, 4, 2, 0], np.uint32)[:, None, None]
+_TO_RIGHT = np.array([2, 4, 6], np.uint32)[:, None, None]
 
 
 class DigitReader:
@@ -45,7 +47,8 @@ class DigitReader:
         self._padded = np.empty(DECIMATION * count, np.uint32)
         self._words = np.empty((DECIMATION, count), np.uint32)
         self._digits = np.empty((NUM_MICS // 2, count), np.uint32)
-        self._spare = np.empty((DECIMATION // 2, count), np.uint32)
+        self._moved = np.empty((NUM_MICS // 4, 2, count), np.uint32)
+        self._spare = self._moved.reshape(-1, count)[: DECIMATION // 2]
 
     def read(self, words: Words, first: int) -> npt.NDArray[np.uint16]:
         """Digits ``first`` and on; before and after the frame they are ``SILENT``.
@@ -96,18 +99,14 @@ class DigitReader:
         fours = pairs[:4].reshape(2, 2, 2, -1)
         self._exchange(fours[:, 0], fours[:, 1], *_EXCHANGES[1])
         self._exchange(fours[0], fours[1], *_EXCHANGES[2])
-        eights, last_two = self._words[:8], pairs[4]
-        low, high = self._digits[:8], self._digits[8:]
+        eights, low, high = self._words[:8], self._digits[:8], self._digits[8:]
         np.bitwise_and(eights, _LOW_OCTETS, out=low)
         np.right_shift(eights.view(np.uint16), _EIGHT, out=high.view(np.uint16))
-        moved = self._spare[:2]
-        for pair, two in enumerate(self._digits.reshape(8, 2, -1)):
-            if pair <= 4:
-                np.left_shift(last_two, np.uint32(8 - 2 * pair), out=moved)
-            else:
-                np.right_shift(last_two, np.uint32(2 * pair - 8), out=moved)
-            moved &= _LAST_TWO
-            two |= moved
+        last_two, moved = pairs[4], self._moved
+        np.left_shift(last_two, _TO_LEFT, out=moved[: len(_TO_LEFT)])
+        np.right_shift(last_two, _TO_RIGHT, out=moved[len(_TO_LEFT) :])
+        moved &= _LAST_TWO
+        self._digits |= moved.reshape(self._digits.shape)
 
     def _exchange(self, a: Words, b: Words, width: np.uint32, mask: np.uint32) -> None:
         """Swap the upper fields of ``a`` with the lower ones of ``b``."""
