@@ -42,8 +42,9 @@ class Evidence:
         self._rates = rates
         self._labels = tuple(dict.fromkeys([*labels, NONE, UNKNOWN]))
         self._is_size = np.array([label not in (NONE, UNKNOWN) for label in self._labels])
-        sizes = max(int(self._is_size.sum()), 1)
-        share = np.where(self._is_size, rates.precision / sizes, (1.0 - rates.precision) / 2)
+        self._num_sizes = int(self._is_size.sum())
+        each = rates.precision / max(self._num_sizes, 1)
+        share = np.where(self._is_size, each, (1.0 - rates.precision) / 2)
         self._log_prior = np.log(share)
         self._unlike_sizes = ~self._is_size
         self._log_rest = _log_sum(self._log_prior[self._unlike_sizes])
@@ -57,7 +58,7 @@ class Evidence:
         self._alone = np.zeros(len(self._labels))
         self._repeats = 0.0
         self._total = np.zeros(len(self._labels))
-        self._shares = self._is_size / max(int(self._is_size.sum()), 1)
+        self._shares = self._is_size / max(self._num_sizes, 1)
         self._existence = -math.inf
 
     @property
@@ -136,10 +137,10 @@ class Evidence:
             self._join_nearest()
         self._total = self._weights() @ self._said[: self._num_views]
         sizes = self._is_size
-        if sizes.any():
+        if self._num_sizes:
             thing = _log_sum(self._total[sizes]) - self._of_first
             chance = _log_sum(self._alone[sizes]) + self._repeats
-            self._existence = min(thing, chance) - math.log(sizes.sum())
+            self._existence = min(thing, chance) - math.log(self._num_sizes)
             share = np.exp(self._total - self._total[sizes].max()) * sizes
             self._shares = share / share.sum()
 

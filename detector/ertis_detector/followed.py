@@ -105,8 +105,10 @@ class Followed:
     def _detectable(self) -> float:
         known, at, value = self._reported
         if known is not self._latest or at is not self.place.seen:  # asked for by each detection
-            change_db = level_change_db(self._latest_place, self.place.seen)
-            value = detectable(self._rates, self._latest.snr_db + change_db)
+            level_db = self._latest.snr_db
+            if self._latest_place is not self.place.seen:
+                level_db += level_change_db(self._latest_place, self.place.seen)
+            value = detectable(self._rates, level_db)
             # What clutter would be reported as often as would prove nothing.
             value = max(value, self._rates.chance)
             self._reported = self._latest, self.place.seen, value

@@ -39,6 +39,9 @@ class PlanarPose:
         return PlanarPose(c * x + s * y, c * y - s * x, wrap(self.yaw_rad - other.yaw_rad))
 
 
+NO_STEP = PlanarPose(0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """What the sensor did from one ping to the next.
@@ -71,7 +74,7 @@ class Motion:
         """Any motion within limits, which are taken for two sigma, around none at all."""
         place_m = max_speed_m_s * elapsed_s / 2
         yaw_rad = max_turn_rad_s * elapsed_s / 2
-        return cls(PlanarPose(0.0, 0.0, 0.0), np.diag(np.square([place_m, place_m, yaw_rad])))
+        return cls(NO_STEP, np.diag(np.square([place_m, place_m, yaw_rad])))
 
 
 def wrap(angle_rad: float) -> float:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from ertis_detector.detection import Detection
-from ertis_detector.motion import Float, Motion, wrap
+from ertis_detector.motion import NO_STEP, Float, Motion, wrap
 from ertis_detector.views import PLACE_LENGTHS, likeness
 
 STAYING_SHARE, NOISE_SHARE = 0.25, 0.10  # of a detection's variance; assumed
@@ -88,7 +88,12 @@ class Place:
         float
             By how much the line of sight turned, seen from outside, rad; + left.
         """
-        step, before, point = motion.step, self.seen, _cartesian(self.seen)
+        point = _cartesian(self.seen)
+        if motion.step == NO_STEP:  # what is not known to move: the short way to the same
+            by_motion = _slopes(point) @ _by_motion(1.0, 0.0, point)
+            self._covariance[:3, :3] += by_motion @ motion.covariance @ by_motion.T
+            return 0.0
+        step, before = motion.step, self.seen
         c, s = math.cos(step.yaw_rad), math.sin(step.yaw_rad)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         moved = turn @ (point - (step.x_m, step.y_m, 0.0))
@@ -101,7 +106,7 @@ class Place:
             alike = float(likeness(view, np.zeros(3), PLACE_LENGTHS))
         slopes = _slopes(moved)
         by_place = slopes @ turn @ _slopes_back(point)
-        by_motion = slopes @ np.array([[-c, -s, moved[1]], [s, -c, -moved[0]], [0.0, 0.0, 0.0]])
+        by_motion = slopes @ _by_motion(c, s, moved)
         self._slow = alike * self._slow
         p = self._covariance
         p[:3, :3] = by_place @ p[:3, :3] @ by_place.T + by_motion @ motion.covariance @ by_motion.T
@@ -153,6 +158,11 @@ class Place:
         gap[1] = wrap(float(gap[1]))
         shared = told @ self._covariance
         return gap, shared @ told.T + NOISE_SHARE * measured.noise, shared
+
+
+def _by_motion(c: float, s: float, moved: Float) -> Float:
+    """Derivatives of a point by the sensor's x, y and yaw; cosine and sine of its turn given."""
+    return np.array([[-c, -s, moved[1]], [s, -c, -moved[0]], [0.0, 0.0, 0.0]])
 
 
 def _cartesian(seen: Float) -> Float:

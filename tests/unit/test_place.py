@@ -126,6 +126,20 @@ def test_what_odometry_does_not_know_spreads_the_place_as_it_spreads_true_ones()
     assert added / scale == pytest.approx(true / scale, abs=0.06)
 
 
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_sensor_that_does_not_step_is_one_that_steps_by_nearly_nothing(is_known):
+    covariance = Motion.unknown(0.14, 1.0, 1.0).covariance
+    places = []
+    for step in (PlanarPose(0.0, 0.0, 0.0), PlanarPose(1e-12, 0.0, 0.0)):
+        place = Place(measured((2.0, 0.5, 0.2)))
+        place.update(measured((2.01, 0.5, 0.2)))
+        assert place.move(Motion(step, covariance), is_known=is_known) == pytest.approx(0.0)
+        place.update(measured((2.0, 0.51, 0.2)))
+        places.append(place)
+    assert places[0].seen == pytest.approx(places[1].seen)
+    assert places[0].seen_covariance() == pytest.approx(places[1].seen_covariance(), rel=1e-6)
+
+
 def test_standing_still_makes_a_place_no_surer_than_its_noise_and_moving_does():
     rng = np.random.default_rng(1)
     _, still = follow(rng, PlanarPose(0.0, 0.0, 0.0), 30, odometry=True)
