@@ -71,11 +71,15 @@ class DigitReader:
         by_place[...] = self._piece(words, first).reshape(steps, phases, -1).transpose(2, 1, 0)
         self._transpose_bits()
         digits = self._digits.view("<u2").reshape(-1, phases, steps, 2).transpose(0, 3, 1, 2)
-        last = words.size // DECIMATION - 1
-        if first < 0 or first + phases * steps > last:
-            number = first + np.arange(phases)[:, None] + phases * np.arange(steps)
-            digits[:, :, number == last] |= CUT
-            digits[:, :, (number < 0) | (number > last)] = SILENT
+        end = first + phases * steps
+        cut = words.size // DECIMATION - 1
+        if first <= cut < end:
+            step, phase = divmod(cut - first, phases)
+            digits[:, :, phase, step] |= CUT
+        for start, stop in ((first, min(0, end)), (max(cut + 1, first), end)):
+            if start < stop:
+                step_of, phase_of = np.divmod(np.arange(start, stop) - first, phases)
+                digits[:, :, phase_of, step_of] = SILENT
         return np.asarray(digits)
 
     def _piece(self, words: Words, first: int) -> Words:
