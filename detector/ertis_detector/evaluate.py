@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ertis_detector.accuracy import PlaceErrors, place_errors
-from ertis_detector.calibration import Reliability, reliability
+from ertis_detector.calibration import Reliability, recalibrated, reliability
 from ertis_detector.detection import NONE, UNKNOWN, Detection
 from ertis_detector.errors import EvaluationError
 from ertis_detector.intervals import Interval, cluster_bootstrap, garwood, wilson
@@ -86,6 +86,8 @@ class Evaluation:
     conditions : name of a condition -> landmarks that meet it
     over : variable -> (low, high, found) of each of its bins
     sizes, size_confusion : located landmarks' labels, and counts with truth down
+    reliability : of probabilities as they are told
+    recalibrated : of the same after a look at all other environments; None if fewer than two
     seconds : of each ping, NaN left out
     """
 
@@ -99,6 +101,7 @@ class Evaluation:
     sizes: tuple[str, ...]
     size_confusion: Float
     reliability: Reliability
+    recalibrated: Reliability | None
     place: PlaceErrors
     seconds: Float
 
@@ -168,6 +171,7 @@ def evaluate(
     matches = [match(ping.landmarks, told) for ping, told in zip(pings, reported, strict=True)]
     asked = _asked(pings, reported, matches)
     sizes, confusion = _confusion(asked)
+    as_told, elsewhere = _reliability(pings)
     seconds = np.array([ping.seconds for ping in pings])
     return Evaluation(
         num_pings=len(pings),
@@ -185,7 +189,8 @@ def evaluate(
         false_alarms=_false_alarms(pings, matches, rate_hz),
         sizes=sizes,
         size_confusion=confusion,
-        reliability=_reliability(pings),
+        reliability=as_told,
+        recalibrated=elsewhere,
         place=place_errors(
             [
                 (one.landmark, one.report)
@@ -312,9 +317,12 @@ def _confusion(asked: Sequence[_Asked]) -> tuple[tuple[str, ...], Float]:
     return names, counts
 
 
-def _reliability(pings: Sequence[JudgedPing]) -> Reliability:
-    """Of every detection, under the threshold too: its label's probability, and was it right."""
-    told, right, groups = [], [], []
+def _reliability(pings: Sequence[JudgedPing]) -> tuple[Reliability, Reliability | None]:
+    """Of every detection, under the threshold too: its label's probability, and was it right.
+
+    As told, and after a look at all other environments.
+    """
+    told, right, groups, environments = [], [], [], []
     for ping in pings:
         pairs = match(ping.landmarks, ping.detections)
         true = {report: number for number, report in (pairs.found | pairs.beyond).items()}
@@ -322,4 +330,9 @@ def _reliability(pings: Sequence[JudgedPing]) -> Reliability:
             told.append(one.probabilities[one.label])
             right.append(number in true and ping.landmarks[true[number]].label == one.label)
             groups.append(ping.group)
-    return reliability(np.array(told), np.array(right, bool), groups)
+            environments.append(ping.environment)
+    said, came_true = np.array(told), np.array(right, bool)
+    as_told = reliability(said, came_true, groups)
+    if len(set(environments)) < 2 or "" in environments:
+        return as_told, None
+    return as_told, reliability(recalibrated(said, came_true, environments), came_true, groups)

@@ -67,12 +67,14 @@ class JudgedPing:
     detections : also those under the threshold that would be reported
     seconds : the detector's, NaN if nobody took the time
     group : pings of one group are not independent (one session, one scene)
+    environment : what kind of place it was, empty if nobody knows
     """
 
     landmarks: tuple[TrueLandmark, ...]
     detections: tuple[Detection, ...]
     seconds: float
     group: str
+    environment: str = ""
 
 
 @dataclass(frozen=True, slots=True)

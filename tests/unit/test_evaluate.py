@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ertis_detector.accuracy import nees_band, place_errors
-from ertis_detector.calibration import reliability
+from ertis_detector.calibration import recalibrated, reliability
 from ertis_detector.detection import Detection
 from ertis_detector.errors import EvaluationError
 from ertis_detector.evaluate import evaluate
@@ -162,6 +162,33 @@ def test_true_probabilities_have_no_calibration_error_and_boasts_have():
     assert boast.interval[0] < boast.expected_error < boast.interval[1]
     assert sum(one.count for one in boast.bins) == said.size
     assert math.isnan(reliability(np.empty(0), np.empty(0, bool), []).expected_error)
+
+
+def test_what_other_environments_teach_mends_a_boast_and_leaves_what_is_true():
+    rng = np.random.default_rng(2)
+    true_p = rng.uniform(0.02, 0.98, 6000)
+    came = rng.random(true_p.size) < true_p
+    places = [str(i % 5) for i in range(true_p.size)]
+    odds = np.log(true_p / (1 - true_p))
+    boast = 1 / (1 + np.exp(-2 * odds - 1))
+    assert reliability(boast, came, places).expected_error > 0.1
+    assert reliability(recalibrated(boast, came, places), came, places).expected_error < 0.03
+    np.testing.assert_allclose(recalibrated(true_p, came, places), true_p, atol=0.04)
+
+
+def test_an_environment_teaches_nothing_about_itself():
+    told, places = np.full(200, 0.7), ["a"] * 100 + ["b"] * 100
+    came = np.array([True] * 100 + [False] * 100)
+    better = recalibrated(told, came, places)
+    assert better[:100].max() < 0.05, "b says that it never comes true"
+    assert better[100:].min() > 0.95
+
+
+def test_environments_are_left_out_only_where_there_are_two():
+    pings = [JudgedPing((true(),), (told(),), 0.01, "a", place) for place in ("lab", "hall")]
+    assert evaluate(pings, 0.5).recalibrated is not None
+    assert evaluate(pings[:1], 0.5).recalibrated is None
+    assert evaluate([ping([true()], [told()])], 0.5).recalibrated is None
 
 
 def test_a_reports_probability_is_right_only_with_place_and_size():

@@ -114,7 +114,8 @@ class Judge:
         begun = time.thread_time()  # of the processor: neighbours do not count
         found = detector.detect(audio)
         seconds = time.thread_time() - begun
-        return JudgedPing(landmarks, tuple(found), seconds, _group(source, ping))
+        environment = source.row.environment if source.row else ""
+        return JudgedPing(landmarks, tuple(found), seconds, _group(source, ping), environment)
 
     @cached_property
     def _decoder(self) -> PdmDecoder:

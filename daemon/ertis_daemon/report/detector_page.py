@@ -89,6 +89,12 @@ def as_json(report: DetectorReport) -> dict[str, Any]:
                 {"told": _number(one.told), "came_true": _number(one.came_true), "count": one.count}
                 for one in calibration.bins
             ],
+            "other_environments_known": None
+            if told.recalibrated is None
+            else {
+                "expected_error": _number(told.recalibrated.expected_error),
+                "interval": _interval_json(told.recalibrated.interval),
+            },
         },
         "place": {
             "located": place.count,
@@ -219,6 +225,12 @@ def _figure_rows(told: Evaluation) -> list[tuple[str, str]]:
             "expected calibration error",
             f"{_percent(calibration.expected_error)}{_percents(calibration.interval)} of "
             f"{sum(one.count for one in calibration.bins)} reports, under the threshold too",
+        ),
+        (
+            "the same, environment left out: slope and offset of log odds from all others",
+            "needs two environments or more"
+            if told.recalibrated is None
+            else _percent(told.recalibrated.expected_error) + _percents(told.recalibrated.interval),
         ),
         (
             "range",
