@@ -4,7 +4,7 @@ VENV := .venv
 ERTIS := $(VENV)/bin/ertis
 STAMP := $(VENV)/.installed
 # Shipped models: chirp=random scenes to learn from.
-MODELS := hyperbolic:80000:20000:0.0025=8000 hyperbolic:50000:25000:0.0025=3000
+MODELS := hyperbolic:80000:20000:0.0025=16000 hyperbolic:50000:25000:0.0025=3000
 FUZZ_TARGETS := parser firmware frame mcap raw
 FUZZ_S ?= 60
 
@@ -43,7 +43,7 @@ fuzz: setup
 	    -max_total_time=$$(( $(FUZZ_S) / $(words $(FUZZ_TARGETS)) )) || exit 1; \
 	done
 
-# The shipped models, made again from nothing: simulated scenes (5 GB in out/), then training.
+# The shipped models, made again from nothing: simulated scenes (11 GB in out/), then training.
 models: setup
 	mkdir -p out
 	for made in $(MODELS); do \

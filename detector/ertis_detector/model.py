@@ -21,7 +21,7 @@ from ertis_detector.networks import Committee
 from ertis_detector.readout import NUM_TERMS, Readout
 from ertis_detector.trees import MAX_LEAVES, Trees
 
-MODEL_FORMAT = "ertis-model/3"
+MODEL_FORMAT = "ertis-model/4"
 TRACKING_PROBABILITY = 0.5  # evidence accumulates: a tracker hears of less sure ones, too
 MAX_MODEL_BYTES = 1_000_000
 _COMMITTEE = tuple(one.name for one in fields(Committee))

@@ -145,7 +145,7 @@ def test_safetensors_of_somebody_else_are_refused(path):
     path.write_bytes(save({"mean": np.zeros(3, np.float32)}, {"format": "pt"}))
     assert "'pt'" in refusal(path)
     path.write_bytes(save({"mean": np.zeros(3, np.float32)}))
-    assert "expected 'ertis-model/3'" in refusal(path)
+    assert "expected 'ertis-model/4'" in refusal(path)
 
 
 @pytest.mark.parametrize("part", [0.01, 0.1, 0.5, 0.9, 0.999])
@@ -250,7 +250,7 @@ def test_classes_that_are_no_landmarks_are_refused(path, classes, sizes):
 def test_damaged_metadata_are_refused(path, changes):
     card = {"name": "x", "chirp": "c", "audio_filter": "f", "source": "sim", "data": "d"}
     metadata = {
-        "format": "ertis-model/3",
+        "format": "ertis-model/4",
         "classes": json.dumps(CLASSES),
         "sizes": json.dumps(CLASSES[1:]),
         "card": json.dumps(card),
@@ -265,7 +265,7 @@ def test_damaged_metadata_are_refused(path, changes):
 def test_absent_metadata_are_refused(path, key):
     whole = {"classes": "[]", "sizes": "[]", "card": "{}"}
     metadata = {k: v for k, v in whole.items() if k != key}
-    path.write_bytes(save(arrays(), {"format": "ertis-model/3", **metadata}))
+    path.write_bytes(save(arrays(), {"format": "ertis-model/4", **metadata}))
     assert key in refusal(path)
 
 

@@ -119,3 +119,24 @@ def test_the_law_is_of_echoes_that_the_fit_has_not_met():
     vertex_m, _, variances = readout(features, labels, place[:, 0], snr_db)
     nees = np.mean((vertex_m - truth[:, 0]) ** 2 / variances[:, 0])
     assert nees == pytest.approx(1.0, abs=0.4)
+
+
+def test_what_is_another_echo_makes_no_error_larger():
+    clean = fit_readout(*world(11))
+    features, labels, place, truth, snr_db = world(11)
+    place[::100, 1] += 0.2
+    variances = fit_readout(features, labels, place, truth, snr_db)(
+        features, labels, place[:, 0], snr_db
+    )[2]
+    expected = clean(features, labels, place[:, 0], snr_db)[2]
+    assert variances[:, 1].mean() == pytest.approx(expected[:, 1].mean(), rel=0.15)
+
+
+def test_a_turned_dish_may_be_less_sure_of_its_range():
+    features, labels, place, truth, snr_db = world(12)
+    nearer_m = 0.058 * (1 - np.cos(truth[:, 3]))
+    place[:, 0] += np.random.default_rng(13).normal(0, 1, len(labels)) * nearer_m
+    readout = fit_readout(features, labels, place, truth, snr_db)
+    _, tilt, variances = readout(features, labels, place[:, 0], snr_db)
+    turned = tilt > 0.45
+    assert variances[turned, 0].mean() > 4 * variances[tilt < 0.15, 0].mean()
