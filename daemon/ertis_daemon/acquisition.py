@@ -157,7 +157,10 @@ class Acquisition(threading.Thread):
             return False
         if self._stop_event.wait(max(0.0, left_s)):
             return False
-        self._due_s = max(self._due_s + self._period_s, time.monotonic())  # no burst after a stall
+        now_s = time.monotonic()
+        self._due_s += self._period_s
+        if self._due_s < now_s:  # after a stall: one ping at once, and none in a burst after it
+            self._due_s = now_s + self._period_s
         return True
 
     def _ping_once(self) -> PdmFrame | None:

@@ -91,8 +91,8 @@ class Odometry:
             log.debug("no pose: %r", payload[:100])
             return
         if self._poses and not self._continues(*sample):
-            if sample[0] == self._poses[-1][0]:
-                return
+            if 0 <= self._poses[-1][0] - sample[0] <= self._max_age_ns:
+                return  # told twice, or overtaken on the way
             log.warning("the robot's pose jumped: odometry starts again")
             self._poses.clear()
             self._at_last_ping = None

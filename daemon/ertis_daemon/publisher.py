@@ -40,6 +40,8 @@ class ZenohPublisher(Closing):
         Does what ``cmd/...`` asks for; None if nothing does.
     """
 
+    name = "Zenoh"
+
     def __init__(
         self,
         session: zenoh.Session,
@@ -56,7 +58,10 @@ class ZenohPublisher(Closing):
             self._status = stack.enter_context(_declare_status(session, base))
             self._raw = stack.enter_context(_declare_raw(session, base)) if raw else None
             names = ("last", "config", "schema", "info", "status")
-            self._answers = stack.enter_context(Answers(session, base, names, obey))
+            self._answers = stack.enter_context(Answers(session, base, names))
+            if obey is not None:
+                # In a thread of its own: a reload takes seconds, and nobody else waits for it.
+                stack.enter_context(Answers(session, base, (), obey))
             self._answers.set("schema", dump_json(json_schema()), "application/schema+json")
             self.describe(info, effective_config)
             token = session.liveliness().declare_token(f"{base}/alive")

@@ -17,7 +17,7 @@ from ertis_daemon.microphones import MicrophoneWatch
 from ertis_daemon.pipeline import Heard, Pipeline
 from ertis_daemon.recording.folder import NoRoom
 from ertis_daemon.recording.recorder import Recorder
-from ertis_daemon.serving.outputs import Publisher
+from ertis_daemon.serving.outputs import NoWayOut, Publisher
 from ertis_daemon.serving.reporter import Reporter
 from ertis_daemon.status import Status
 from ertis_driver.audio import whole_samples
@@ -170,6 +170,8 @@ class Service:
             if event is not None:
                 self._publisher.publish(event)
                 published_s = time.monotonic()
+        except NoWayOut:  # told there; that the sonar were opened anew would not help
+            event = None
         except Exception as error:  # noqa: BLE001  # told, and counted, there
             self._failed(frame, error)
             return
@@ -218,8 +220,7 @@ class Service:
         try:
             self._recorder.trigger("-".join(sorted(reasons)))
         except NoRoom as error:
-            self.status.recordings_failed += 1
-            log.error("nothing recorded: %s", error)
+            self._recorder.failed(error)
 
     def _failed(self, frame: PdmFrame, error: Exception) -> None:
         index = frame.ping_index

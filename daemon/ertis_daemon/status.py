@@ -41,6 +41,8 @@ class Status:
     starts: int = 0
     recordings: int = 0
     recordings_failed: int = 0
+    publish_failures: int = 0
+    outputs_failing: dict[str, str] = field(default_factory=dict)
     microphones_faulty: dict[str, str] = field(default_factory=dict)
     noise_dbfs: float | None = None
     model: str = ""
@@ -57,6 +59,7 @@ class Status:
         recent = sorted(values.pop("latencies_ms"))
         values.pop("heard_s")
         values["microphones_faulty"] = dict(self.microphones_faulty)
+        values["outputs_failing"] = dict(self.outputs_failing)
         values["uptime_s"] = round(time.monotonic() - values.pop("started_s"), 3)
         values["time_ns"] = time.time_ns()
         values["ping_rate_hz"] = self.ping_rate_hz()
@@ -77,8 +80,9 @@ class Status:
     def words(self) -> tuple[Any, ...]:
         """What is worth a message at once when it changes."""
         faulty = tuple(sorted(self.microphones_faulty.items()))
+        failing = tuple(self.outputs_failing)
         counted = (self.clock_steps, self.starts, self.recordings, self.recordings_failed)
-        return self.state, self.reason, faulty, self.model, self.source, counted
+        return self.state, self.reason, faulty, failing, self.model, self.source, counted
 
 
 def _percentile(ordered: list[float], percent: int) -> float | None:

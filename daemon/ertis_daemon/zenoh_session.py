@@ -6,6 +6,7 @@ import json
 import logging
 import re
 import threading
+from collections.abc import Sequence
 from typing import Any
 
 import zenoh
@@ -61,6 +62,12 @@ def session_config(
     except zenoh.ZError as error:
         raise PublisherError(f"Zenoh: {one_line(error)}") from error
     return config
+
+
+def any_port(listen: Sequence[str]) -> tuple[str, ...]:
+    """The same addresses with a port that is free, for another session beside the first."""
+    anywhere = (re.sub(r":\d+(?=$|[?#])", ":0", locator) for locator in listen)
+    return tuple(locator for locator in anywhere if re.search(r":0($|[?#])", locator))
 
 
 def open_session(config: zenoh.Config) -> zenoh.Session:

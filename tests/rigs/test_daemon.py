@@ -22,9 +22,10 @@ from ertis_detector.errors import DetectorError
 from ertis_detector.model import shipped_model
 from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.emulator import Emulator
+from ertis_driver.fault_plan import NamedFaults, parse_fault
 from ertis_driver.frame import PdmFrame
 from ertis_driver.protocol import decode_frame
-from ertis_driver.recording import RecordingInfo, RecordingWriter, read_recording
+from ertis_driver.recording import RecordingWriter, read_recording
 
 NUM_WORDS = 65_536  # the fewest that the chirp can be looked for in
 DEADLINE_S = 30.0
@@ -373,25 +374,42 @@ def test_metrics_are_served_for_prometheus(run, cables):
     assert 'ertis_is_running{sonar="a"} 1.0' in text
 
 
-def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_schema(
-    run, tmp_path
-):
-    from importlib import resources
-
-    from ertis_driver.device import Settings
-    from ertis_simulator.device import open_sim
-
-    scene = resources.files("ertis_simulator") / "scenes" / "demo.yaml"
+@pytest.fixture
+def twenty_pings(heard_landmarks, tmp_path):
+    """How to replay twenty pings with landmarks, on command."""
+    heard = read_recording(heard_landmarks)
+    (ping,) = heard
     path = tmp_path / "sim.mcap"
-    with resources.as_file(scene) as file, open_sim(str(file)) as sonar:
-        settings = Settings()
-        sonar.configure(settings)
-        info = RecordingInfo(source="sim", chirp=DEFAULT_CHIRP, num_words=settings.num_words)
-        with RecordingWriter(path, info) as writer:
-            frame = sonar.ping()
-            for index in range(20):
-                writer.write(PdmFrame(frame.words, index, 10**9 + index * 40_000_000))
-    daemon = run(f"device: {{name: a, address: 'replay:{path}'}}\nping_on: command\n{EAGER}\n")
+    with RecordingWriter(path, heard.info) as writer:
+        for index in range(20):
+            writer.write(PdmFrame(ping.frame.words, index, 10**9 + index * 40_000_000))
+    return f"device: {{name: a, address: 'replay:{path}'}}\nping_on: command\n{EAGER}\n"
+
+
+def test_a_ros_network_that_is_gone_costs_neither_sonar_nor_the_plain_events(run, twenty_pings):
+    daemon = run(f"{twenty_pings}ros2: {{enabled: true}}\n")
+    subscriber = daemon.session.declare_subscriber(
+        "ertis/a/landmarks", zenoh.handlers.FifoChannel(100)
+    )
+    daemon.wait("a", state="running")
+    daemon.ask("ertis/a/cmd/ping?count=3")
+    status = daemon.wait("a", events=3)
+    assert (status["publish_failures"], status["outputs_failing"]) == (0, {})
+    daemon.daemon._ros2.close()
+    daemon.ask("ertis/a/cmd/ping?count=15")
+    status = daemon.wait("a", events=18)
+    assert (status["starts"], status["pings_failed"], status["state"]) == (1, 0, "running")
+    assert status["publish_failures"] >= 15
+    assert status["outputs_failing"]["ROS 2 events"]
+    samples = [wait_for(subscriber.try_recv) for _ in range(18)]
+    indices = [json.loads(sample.payload.to_bytes())["ping_index"] for sample in samples]
+    assert indices == list(range(18))
+
+
+def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_schema(
+    run, twenty_pings
+):
+    daemon = run(twenty_pings)
     subscriber = daemon.session.declare_subscriber(
         "ertis/a/landmarks", zenoh.handlers.FifoChannel(100)
     )
@@ -408,6 +426,17 @@ def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_s
         jsonschema.validate(event, schema)
     assert {event["source"] for event in events} == {"sim"}
     assert daemon.daemon.statuses()["a"].pings_heard == 20
+
+
+@pytest.mark.slow  # half a minute: six times five seconds of silence before it is opened anew
+def test_pings_from_before_a_sonar_was_opened_anew_count_towards_the_last_one(run, cables):
+    silence = [parse_fault(f"silent@frame={index}") for index in range(3, 9)]
+    cable = cables("a").plug(faults=NamedFaults(silence))
+    daemon = run(f"device: {{name: a, address: 'serial:{cable.path}'}}\nmax_pings: 6\n")
+    daemon.thread.join(3 * DEADLINE_S)
+    assert not daemon.thread.is_alive()
+    status = daemon.daemon.statuses()["a"]
+    assert (status.pings_heard, status.starts, status.state) == (6, 2, "ended")
 
 
 def test_a_silent_device_is_tried_again_until_it_speaks(run, cables, bare_pty):

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import termios
+import threading
 import time
 
 import jsonschema
@@ -81,15 +82,23 @@ def publisher(network):
         yield publisher
 
 
-@pytest.fixture
-def reader(publisher, locator):
+@contextlib.contextmanager
+def client(locator):
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([locator]))
     config.insert_json5("scouting/multicast/enabled", "false")
     session = zenoh.open(config)
-    yield session
-    session.close()
+    try:
+        yield session
+    finally:
+        session.close()
+
+
+@pytest.fixture
+def reader(publisher, locator):
+    with client(locator) as session:
+        yield session
 
 
 def recovering(session, key, history=None):
@@ -132,6 +141,28 @@ def hear_first(publisher, subscriber):
 def ask(session, key):
     replies = [reply.ok for reply in session.get(key, timeout=3.0)]
     return [(str(r.key_expr), str(r.encoding), json.loads(r.payload.to_bytes())) for r in replies]
+
+
+def test_a_command_that_takes_long_keeps_nobody_else_waiting(network, locator):
+    begun, end = threading.Event(), threading.Event()
+
+    def obey(name, parameters):
+        begun.set()
+        return {"ended_by_us": end.wait(DEADLINE_S)}
+
+    about = {"info": {"version": "1"}, "effective_config": {}}
+    with (
+        ZenohPublisher(network.session, "t", obey=obey, **about),
+        client(locator) as session,
+    ):
+        reload = session.get("ertis/t/cmd/reload", timeout=2 * DEADLINE_S)
+        assert begun.wait(DEADLINE_S)
+        ((_, _, info),) = ask(session, "ertis/t/info")
+        end.set()
+        assert [json.loads(reply.ok.payload.to_bytes()) for reply in reload] == [
+            {"ended_by_us": True}
+        ]
+    assert info == {"version": "1"}
 
 
 def test_a_plain_subscriber_gets_events_that_fit_the_served_schema(publisher, reader):

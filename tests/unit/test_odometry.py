@@ -105,12 +105,19 @@ def test_after_a_ping_without_odometry_motion_starts_again():
     assert odometry.at_ping(1150 * MS).motion.step.x_m == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("again", [pose(50), pose(201, 100.0)])
+@pytest.mark.parametrize("again", [pose(699), pose(1201, 100.0)])
 def test_time_that_goes_back_and_a_pose_set_anew_start_odometry_again(again):
-    odometry = told(pose(0), pose(200, 0.2))
-    assert odometry.at_ping(100 * MS).is_known
+    odometry = told(pose(1000), pose(1200, 0.2), max_age_s=0.5)
+    assert odometry.at_ping(1100 * MS).is_known
     odometry.add(again)
-    assert not odometry.at_ping(150 * MS).is_known
+    assert not odometry.at_ping(1150 * MS).is_known
+
+
+def test_a_pose_that_was_overtaken_on_the_way_changes_nothing():
+    odometry = told(pose(1000), pose(1200, 0.2), pose(1100, 0.1), pose(700), max_age_s=0.5)
+    assert odometry.at_ping(1050 * MS).is_known
+    odometry.add(pose(1300, 0.3))
+    assert odometry.at_ping(1250 * MS).motion.step.x_m == pytest.approx(0.2)
 
 
 def test_a_pose_set_anew_is_no_motion():

@@ -1,6 +1,9 @@
 import json
 import os
+import re
+import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -195,12 +198,62 @@ def test_before_the_sonar_was_open_there_is_nothing_to_record(tmp_path):
         recorder.trigger("new")
 
 
-def test_a_folder_that_cannot_be_made_is_one_clear_line(make, tmp_path):
+def test_a_folder_that_cannot_be_made_is_one_clear_line(make, tmp_path, caplog):
     (tmp_path / "rec").write_text("a file")
     recorder = make(before_s=5.0)
     recorder.heard(frame(0))
-    with pytest.raises(NoRoom, match=r"cannot make .*rec: File exists; see record\.folder"):
-        recorder.trigger("new")
+    recorder.trigger("new")
+    wait_for(lambda: recorder._status.recordings_failed == 1)
+    (told,) = caplog.messages
+    assert re.fullmatch(
+        r"nothing recorded: cannot make .*rec: File exists; see record\.folder", told
+    )
+
+
+@pytest.fixture
+def hung_disk(monkeypatch):
+    """A network's disk that does not answer: making a folder on it waits until this is set."""
+    answers, gave_up, make_folder = threading.Event(), [], Path.mkdir
+
+    def mkdir(path, *arguments, **options):
+        if not answers.wait(5.0):
+            gave_up.append(path)
+        make_folder(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    yield answers
+    answers.set()
+    assert gave_up == [], "somebody waited for the disk who must not"
+
+
+def test_a_disk_that_does_not_answer_holds_up_neither_pings_nor_who_asks(make, hung_disk):
+    recorder = make(before_s=5.0, after_s=0.2)
+    recorder.heard(frame(0))
+    path = recorder.trigger("new")
+    recorder.heard(frame(1))
+    assert recorder.trigger("lost") == path
+    recorder.save(frame(1), "failed-ping-1")
+    assert not path.parent.exists()
+    hung_disk.set()
+    wait_for(lambda: recorder._status.recordings == 2)
+    assert indices(path) == [0, 1]
+
+
+def test_recordings_that_wait_for_a_hung_disk_are_bounded_in_memory(make, hung_disk):
+    recorder = make(before_s=60.0, after_s=0.0, memory_mb=8)  # 61 frames of 131 kB
+    refused = 0
+    for index in range(200):
+        recorder.heard(frame(index % 50))
+        time.sleep(1e-4)
+        try:
+            recorder.trigger("new")
+        except NoRoom:
+            refused += 1
+    held = sum(len(one.frames) for one in recorder._waiting)
+    assert refused > 50
+    assert held + SPARE_FRAMES >= 61
+    assert held <= 61 + 3 * SPARE_FRAMES
+    hung_disk.set()
 
 
 def write(folder, name, size):

@@ -4,6 +4,7 @@ import os
 import socket
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ from ertis_daemon.config import PoseConfig
 from ertis_daemon.config_read import parse_config
 from ertis_daemon.microphones import AGREEING, MicrophoneWatch
 from ertis_daemon.serving.about import quaternion, transform
+from ertis_daemon.serving.backoff import Backoff
 from ertis_daemon.serving.journal import JournalFormatter, is_journal
 from ertis_daemon.serving.notify import Notifier
-from ertis_daemon.serving.outputs import FanOut
+from ertis_daemon.serving.outputs import FanOut, NoWayOut
 from ertis_daemon.serving.reload import ReloadError, check_models, compare
 from ertis_daemon.serving.reporter import Reporter
 from ertis_daemon.status import Status
@@ -121,8 +123,8 @@ def test_the_journal_is_known_by_device_and_inode(tmp_path, monkeypatch):
 
 
 class Noting:
-    def __init__(self, fails=False):
-        self.fails, self.got = fails, []
+    def __init__(self, fails=False, name="out"):
+        self.fails, self.name, self.got = fails, name, []
 
     def publish_status(self, status):
         self.got.append(status)
@@ -131,17 +133,52 @@ class Noting:
 
     publish = publish_raw = publish_status
 
+    def describe(self, info, effective_config):
+        self.publish_status(info)
+
     def close(self):
         self.got.append("closed")
 
 
 def test_what_fails_on_one_way_out_still_goes_out_on_the_others():
     first, second, third = Noting(), Noting(fails=True), Noting()
-    outputs = FanOut([first, second, third])
-    with pytest.raises(OSError, match="no way out"):
-        outputs.publish("event")
+    outputs = FanOut([first, second, third], Status())
+    outputs.publish("event")
     outputs.close()
-    assert first.got == third.got == ["event", "closed"]
+    assert first.got == second.got == third.got == ["event", "closed"]
+
+
+def test_a_way_out_that_fails_is_logged_once_counted_and_named_until_it_works(caplog):
+    caplog.set_level("INFO")
+    status, failing = Status(device="front"), Noting(fails=True, name="ROS 2")
+    outputs = FanOut([Noting(), failing], status)
+    for _ in range(30):
+        outputs.publish("event")
+        outputs.publish_raw("frame")
+    assert status.publish_failures == 60
+    why = "OSError: no way out"
+    assert status.to_json()["outputs_failing"] == {"ROS 2 events": why, "ROS 2 frames": why}
+    assert caplog.messages == [
+        "front: ROS 2 events cannot be published: counted",
+        "front: ROS 2 frames cannot be published: counted",
+    ]
+    assert "OSError: no way out" in caplog.text
+    caplog.clear()
+    failing.fails = False
+    outputs.publish("event")
+    assert status.to_json()["outputs_failing"] == {"ROS 2 frames": why}
+    failing.fails = True
+    outputs.publish("event")
+    assert status.publish_failures == 61
+    assert caplog.messages == ["front: ROS 2 events are published again"], "it has been said"
+
+
+def test_an_event_that_no_way_out_took_is_none():
+    outputs = FanOut([Noting(fails=True), Noting(fails=True)], Status())
+    with pytest.raises(NoWayOut):
+        outputs.publish(SimpleNamespace(ping_index=3))
+    outputs.publish_status({})
+    outputs.describe({}, {})
 
 
 def test_the_first_way_out_is_the_first_to_be_used():
@@ -152,8 +189,16 @@ def test_the_first_way_out_is_the_first_to_be_used():
             order.append(self)
 
     first, second = Telling(), Telling()
-    FanOut([first, second]).publish("event")
+    FanOut([first, second], Status()).publish("event")
     assert order == [first, second]
+
+
+def test_a_sonar_in_trouble_is_left_alone_for_twice_as_long_each_time_but_not_after_it_worked():
+    backoff = Backoff()
+    assert [backoff.after(worked_s=1.0) for _ in range(6)] == [0.5, 1.0, 2.0, 4.0, 8.0, 8.0]
+    assert [backoff.after(worked_s) for worked_s in (3600.0, 1.0)] == [0.5, 1.0]
+    backoff.reset()
+    assert backoff.after(0.0) == 0.5
 
 
 def test_status_goes_out_at_once_when_something_is_new_and_else_once_a_second():
@@ -170,11 +215,6 @@ def test_status_goes_out_at_once_when_something_is_new_and_else_once_a_second():
         ("starting", 1),
         ("away", 1),
     ]
-
-
-def test_a_status_that_cannot_be_published_is_logged_and_no_more(caplog):
-    Reporter(Status(), Noting(fails=True)).tick()
-    assert "could not be published" in caplog.text
 
 
 def rotated(q, v):

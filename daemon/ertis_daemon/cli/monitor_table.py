@@ -78,6 +78,8 @@ class Board:
         faulty = status.get("microphones_faulty") or {}
         if faulty:
             parts.append("microphones " + " ".join(f"{row} {faulty[row]}" for row in faulty))
+        failing = status.get("outputs_failing") or {}
+        parts += [f"{way} fail: {failing[way]}" for way in failing]
         if status.get("reason"):
             parts.append(str(status["reason"]))
         return "  |  ".join(parts)

@@ -57,32 +57,37 @@ class RecordingFolder:
         self._ours = re.compile(re.escape(name) + r"-\d{8}T\d{6}\.\d{3}Z-[\w-]+\.mcap")
 
     def new_path(self, reason: str) -> Path:
-        """Name a recording: sonar, UTC time and why; nothing is written.
+        """Name a recording: sonar, UTC time and why; the disk is left alone.
 
         Raises
         ------
         NoRoom
-            If there is no folder and none can be made.
+            If no folder is known.
         """
         folder = Path(self._path) if self._path else state_folder()
         now_s = time.time()
         stamp = (
             time.strftime("%Y%m%dT%H%M%S", time.gmtime(now_s)) + f".{int(now_s * 1e3) % 1000:03d}Z"
         )
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise NoRoom(f"cannot make {folder}: {error.strerror}; see record.folder") from error
         return folder / f"{self._name}-{stamp}-{reason}.mcap"
 
     def make_room(self, path: Path, num_bytes: int) -> None:
         """Remove this sonar's oldest recordings until ``num_bytes`` more fit beside ``path``.
 
+        The folder is made if it is not there. All of this may take as long as a network's disk
+        takes to answer.
+
         Raises
         ------
         NoRoom
-            If they do not fit even so.
+            If they do not fit even so, or the folder cannot be made.
         """
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise NoRoom(
+                f"cannot make {path.parent}: {error.strerror}; see record.folder"
+            ) from error
         try:
             self._make_room(path, num_bytes)
         except OSError as error:

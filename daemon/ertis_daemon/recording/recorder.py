@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 EVENTS_KEPT = 2048  # a minute's at 30 a second, 1.5 MB
 SPARE_FRAMES = 16  # that may wait for the disk beyond those of the ring
 MAX_SAVED = 10  # pings that could not be processed: the first ones tell
+MAX_WAITING = MAX_SAVED + 4  # recordings for the disk, the one being written among them
 LONGEST_S = 600.0  # one recording, however often it is triggered again
 POLL_S = 0.1
 JOIN_S = 1.0
@@ -77,7 +78,7 @@ class Recorder(Closing):
         self._info: RecordingInfo | None = None
         self._changed = threading.Condition()
         self._now: _Recording | None = None
-        self._waiting: deque[_Recording] = deque(maxlen=MAX_SAVED + 4)
+        self._waiting: deque[_Recording] = deque()
         self._saved = 0
         self._closed = False
         self._thread: threading.Thread | None = None
@@ -132,12 +133,13 @@ class Recorder(Closing):
         Returns
         -------
         Path
-            The file. It is finished ``after_s`` from now.
+            The file. It is finished ``after_s`` from now, unless the disk does not take it: that is
+            found out, counted and logged later, by the thread that writes.
 
         Raises
         ------
         NoRoom
-            If there is no folder, or nothing was opened yet.
+            If no folder is known, nothing was opened yet, or the disk is behind already.
         """
         config = self._config
         after_s = config.after_s if after_s is None else after_s
@@ -162,10 +164,16 @@ class Recorder(Closing):
             try:
                 path = self._start(reason, [frame], time.monotonic()).path
             except NoRoom as error:
-                self._failed(error)
+                self.failed(error)
                 return None
             self._saved += 1
             return path
+
+    def failed(self, error: Exception) -> None:
+        """Count and log a recording that did not come to be."""
+        with self._changed:
+            self._status.recordings_failed += 1
+        log.error("nothing recorded: %s", error)
 
     def close(self) -> None:
         """Finish what is under way, in bounded time. May be called twice."""
@@ -186,7 +194,7 @@ class Recorder(Closing):
         events: Sequence[tuple[bytes, int]] = (),
     ) -> _Recording:
         assert self._info is not None
-        if self._closed or len(self._waiting) == self._waiting.maxlen:
+        if self._closed or self._is_behind(len(frames)):
             raise NoRoom("more recordings than the disk takes: wait for those under way")
         path = self._folder.new_path(re.sub(r"[^\w-]", "-", reason) or "on-demand")
         room = len(frames) + SPARE_FRAMES
@@ -200,6 +208,14 @@ class Recorder(Closing):
             self._thread.start()
         self._changed.notify_all()
         return recording
+
+    def _is_behind(self, num_frames: int) -> bool:
+        """Whether so many more would wait for the disk that memory is not bounded any more."""
+        assert self._info is not None
+        held = num_frames + sum(len(one.frames) for one in self._waiting)
+        size = 4 * self._info.num_words
+        most = self._config.memory_mb * MEGABYTE + (MAX_SAVED + SPARE_FRAMES) * size
+        return len(self._waiting) >= MAX_WAITING or held * size > most
 
     def _finish(self) -> None:
         """End the recording under way; the lock is held."""
@@ -218,10 +234,10 @@ class Recorder(Closing):
                 self._write(recording)
                 self._status.recordings += 1
             except (RecordingError, NoRoom) as error:
-                self._failed(error)
-            except Exception:
-                log.exception("nothing recorded: %s", recording.path)
-                self._status.recordings_failed += 1
+                self.failed(error)
+            except Exception as error:
+                log.exception("%s", recording.path)
+                self.failed(error)
             with self._changed:
                 self._waiting.popleft()
                 if self._now is recording:
@@ -263,7 +279,3 @@ class Recorder(Closing):
                     return None
                 self._changed.wait(POLL_S)
             return recording.frames.popleft()
-
-    def _failed(self, error: Exception) -> None:
-        self._status.recordings_failed += 1
-        log.error("nothing recorded: %s", error)

@@ -18,7 +18,7 @@ _LEVELS |= dict.fromkeys(("away", "stalled", "failed"), ERROR)
 # What a healthy sonar does not count; EVENTS.md explains each.
 _TROUBLE = (
     *("pings_lost", "frames_corrupt", "timeouts", "pings_away"),
-    *("queue_drops", "half_words_repaired", "pings_failed"),
+    *("queue_drops", "half_words_repaired", "pings_failed", "publish_failures"),
 )
 
 
@@ -134,7 +134,8 @@ class Diagnosis:
         more = {name: value - self._before.get(name, 0) for name, value in counted.items()}
         first, self._before = not self._before, counted
         notes = [f"{name} +{more[name]}" for name in _TROUBLE if more[name] > 0]
-        notes += [f"microphone {m} {why}" for m, why in _faulty(status).items()]
+        notes += [f"microphone {m} {why}" for m, why in _named(status, "microphones_faulty")]
+        notes += [f"{way}: {why}" for way, why in _named(status, "outputs_failing")]
         state = str(status.get("state", "running"))
         if state in _LEVELS:
             words = [state, str(status.get("reason") or "")]
@@ -146,9 +147,9 @@ class Diagnosis:
         return (WARN, ", ".join(notes)) if notes else (OK, "listening")
 
 
-def _faulty(status: Mapping[str, Any]) -> Mapping[str, str]:
-    faulty = status.get("microphones_faulty")
-    return faulty if isinstance(faulty, Mapping) else {}
+def _named(status: Mapping[str, Any], key: str) -> list[tuple[str, str]]:
+    faulty = status.get(key)
+    return list(faulty.items()) if isinstance(faulty, Mapping) else []
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

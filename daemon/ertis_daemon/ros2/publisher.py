@@ -33,6 +33,8 @@ class Ros2Publisher:
         As on the sonar's ``info`` key: what hardware it is, and where it sits on the robot.
     """
 
+    name = "ROS 2"
+
     def __init__(self, node: RosNode, device_name: str, info: Mapping[str, Any]) -> None:
         config = node.config
         self._stack = ExitStack()

@@ -19,11 +19,11 @@ from ertis_daemon.serving.about import waiting_info
 from ertis_daemon.serving.commands import Commands
 from ertis_daemon.serving.life import SonarLife
 from ertis_daemon.serving.notify import Notifier
-from ertis_daemon.serving.outputs import FanOut, Publisher
+from ertis_daemon.serving.outputs import Output
 from ertis_daemon.serving.reload import WHOLE, ReloadError, check_models, compare
 from ertis_daemon.status import Status
 from ertis_daemon.turns import Turns
-from ertis_daemon.zenoh_session import Network, session_config
+from ertis_daemon.zenoh_session import Network, any_port, session_config
 from ertis_driver.errors import ErtisError
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class Daemon:
         name = sonar.device.name
         self._lives[name] = life = SonarLife(
             sonar,
-            FanOut(self._publishers(sonar)),
+            self._outputs(sonar),
             turns=self._turns_of(sonar),
             can_command=self._config.zenoh.commands,
             beat=self._notifier.beat,
@@ -153,13 +153,13 @@ class Daemon:
         )
         life.start()
 
-    def _publishers(self, sonar: SonarConfig) -> list[Publisher]:
+    def _outputs(self, sonar: SonarConfig) -> list[Output]:
         assert self._network is not None
         zenoh, name = self._config.zenoh, sonar.device.name
         obey = Commands(lambda: self._lives.get(name), self.reload) if zenoh.commands else None
         info, effective = waiting_info(sonar), sonar.to_json()
         session = self._network.session
-        publishers: list[Publisher] = [
+        outputs: list[Output] = [
             ZenohPublisher(
                 session, name, info=info, effective_config=effective, raw=zenoh.raw, obey=obey
             )
@@ -167,8 +167,8 @@ class Daemon:
         if self._ros2 is not None:
             from ertis_daemon.ros2.publisher import Ros2Publisher
 
-            publishers.append(Ros2Publisher(self._ros2, name, info))
-        return publishers
+            outputs.append(Ros2Publisher(self._ros2, name, info))
+        return outputs
 
     def _open_ros2(self, stack: ExitStack) -> RosNode | None:
         if not self._config.ros2.enabled:
@@ -179,7 +179,8 @@ class Daemon:
         from ertis_daemon.ros2.node import RosNode
 
         zenoh = self._config.zenoh
-        described = session_config(zenoh.mode, zenoh.connect, zenoh.listen, zenoh.tls)
+        listen = any_port(zenoh.listen)
+        described = session_config(zenoh.mode, zenoh.connect, listen, zenoh.tls)
         return stack.enter_context(RosNode(self._config.ros2, described))
 
     def _turns_of(self, sonar: SonarConfig) -> Turns | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,8 @@ from ertis_daemon.pipeline import Pipeline, build_pipeline
 from ertis_daemon.recording.recorder import Recorder
 from ertis_daemon.service import Service, ServiceError
 from ertis_daemon.serving.about import sonar_info
-from ertis_daemon.serving.outputs import Publisher
+from ertis_daemon.serving.backoff import Backoff
+from ertis_daemon.serving.outputs import FanOut, Output
 from ertis_daemon.serving.reload import load_detector
 from ertis_daemon.serving.reporter import Reporter
 from ertis_daemon.status import State, Status
@@ -45,7 +46,6 @@ log = logging.getLogger(__name__)
 ABSENT = (DeviceNotFound, DevicePermission, DeviceBusy, DeviceLost, PingLost)
 TROUBLED = (DeviceTimeout, DeviceBabbles, UploadFailed, FrameCorrupt, ServiceError)
 ABSENT_PAUSE_S = 0.25  # with opening and configuring, still under 2 s after the device is there
-FIRST_PAUSE_S, LAST_PAUSE_S = 0.5, 8.0  # after trouble that may stay
 POLL_S = 0.1
 
 
@@ -63,8 +63,8 @@ class SonarLife(threading.Thread):
     ----------
     config
         Of this sonar.
-    publisher
-        Stays open from one opening to the next; closed at the end.
+    outputs
+        Stay open from one opening to the next; closed at the end.
     turns
         Shared with the sonars that it takes turns with; None for none.
     can_command
@@ -89,7 +89,7 @@ class SonarLife(threading.Thread):
     def __init__(
         self,
         config: SonarConfig,
-        publisher: Publisher,
+        outputs: Sequence[Output],
         *,
         turns: Turns | None = None,
         can_command: bool = False,
@@ -108,13 +108,15 @@ class SonarLife(threading.Thread):
         self._turns = turns
         self._beat = beat
         self._subscribe = subscribe
-        self._publisher = publisher
-        self._reporter = Reporter(self.status, publisher, around)
+        self._publisher = FanOut(outputs, self.status)
+        self._reporter = Reporter(self.status, self._publisher, around)
         self._ended = threading.Event()
         self._lock = threading.Lock()
         self._next: tuple[SonarConfig, Turns | None] | None = None
         self._run_stop = threading.Event()
-        self._pause_s = FIRST_PAUSE_S
+        self._backoff = Backoff()
+        self._opened_s = 0.0
+        self._heard_before = 0  # since the daemon began, when this configuration was taken
         self._checked: SonarConfig | None = None
         self._detector: LandmarkDetector | None = None  # of what was checked
 
@@ -156,14 +158,15 @@ class SonarLife(threading.Thread):
         try:
             self._serve(stop)
         except ABSENT as error:
-            self._pause_s = FIRST_PAUSE_S
+            self._backoff.reset()
             self._wait(stop, "waiting", error, ABSENT_PAUSE_S)
         except TROUBLED as error:
             if not self.config.device.address.startswith(HARDWARE):
                 self._over("failed", stop, error)
                 return
-            self._wait(stop, "failed", error, self._pause_s)
-            self._pause_s = min(2 * self._pause_s, LAST_PAUSE_S)
+            heard_s = self.status.heard_s
+            worked_s = heard_s[-1] - self._opened_s if heard_s else 0.0
+            self._wait(stop, "failed", error, self._backoff.after(worked_s))
         except Exception as error:  # noqa: BLE001  # of this sonar only
             self._over("failed", stop, error)
         else:
@@ -175,6 +178,7 @@ class SonarLife(threading.Thread):
             self.recorder.close()
             self.recorder = self._new_recorder(config, can_command=self._can_command)
         self.config, self._turns = config, turns
+        self._heard_before = self.status.pings_heard
         self.error, self._is_over = None, False
 
     def _new_recorder(self, config: SonarConfig, *, can_command: bool) -> Recorder:
@@ -183,6 +187,9 @@ class SonarLife(threading.Thread):
 
     def _serve(self, stop: threading.Event) -> None:
         config = self.config
+        heard = self.status.pings_heard - self._heard_before
+        if 0 < config.max_pings <= heard:
+            return
         if self._checked is not config:
             # Now: a wrong model is said at once, not when the device is there; and it is read once.
             self._detector = load_detector(config)
@@ -200,7 +207,7 @@ class SonarLife(threading.Thread):
             pace = Pace(
                 config.ping_on,
                 config.ping_rate_hz,
-                config.max_pings,
+                config.max_pings and config.max_pings - heard,
                 self._turns,
                 self.requests,
             )
@@ -241,6 +248,7 @@ class SonarLife(threading.Thread):
                 pdm_rate_hz=settings.pdm_rate_hz,
             )
         )
+        self._opened_s = time.monotonic()
         self.status.starts += 1
         self.status.state, self.status.reason = "running", ""
         self.is_settled = True

@@ -14,7 +14,7 @@ from ertis_daemon.zenoh_session import PublisherError
 COUNTERS = (
     *("pings_heard", "pings_lost", "frames_corrupt", "timeouts", "pings_away", "queue_drops"),
     *("half_words_repaired", "pings_failed", "events", "clock_steps", "starts", "recordings"),
-    "recordings_failed",
+    *("recordings_failed", "publish_failures"),
 )
 
 
@@ -46,6 +46,7 @@ def _numbers(status: Status) -> dict[str, float]:
         if value is None or isinstance(value, (int, float))
     }
     numbers["microphones_faulty"] = float(len(values["microphones_faulty"]))
+    numbers["outputs_failing"] = float(len(values["outputs_failing"]))
     numbers["is_running"] = float(values["state"] == "running")
     return numbers
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from ertis_daemon.serving.outputs import Publisher
 from ertis_daemon.status import Status
-
-log = logging.getLogger(__name__)
 
 PERIOD_S = 1.0
 
@@ -48,10 +45,7 @@ class Reporter:
             self.publish()
 
     def publish(self) -> None:
-        """Publish now; a failure is logged, status is not worth more."""
+        """Publish now."""
         self._due_s = time.monotonic() + PERIOD_S
         self._said = self._status.words()
-        try:
-            self._publisher.publish_status({**self._status.to_json(), **self._around()})
-        except Exception:
-            log.exception("the status could not be published")
+        self._publisher.publish_status({**self._status.to_json(), **self._around()})
