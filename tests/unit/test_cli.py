@@ -102,10 +102,11 @@ def test_the_live_table_shows_what_each_sonar_said_last():
     near = {**mark, "track_id": 2, "range_m": 1.0}
     board.take_event({"device": "b", "source": "sim", "landmarks": [far, near]}, 0.0)
     status = {"state": "running", "source": "live", "ping_rate_hz": 27.5, "pings_lost": 3}
-    board.take_status("a", {**status, "microphones_faulty": {"5": "stuck"}}, 0.0)
+    trouble = {"microphones_faulty": {"5": "stuck"}, "outputs_failing": {"ROS 2 events": "why"}}
+    board.take_status("a", {**status, **trouble}, 0.0)
     lines = board.lines(1.0)
     assert lines[0].startswith("a  running  live  |  27.5 pings/s  |  3 lost")
-    assert "microphones 5 stuck" in lines[0]
+    assert lines[0].endswith("microphones 5 stuck  |  ROS 2 events fail: why")
     assert lines[1] == "  no landmark"
     assert lines[3] == "b  sim"
     assert " 1.000 m" in lines[4]

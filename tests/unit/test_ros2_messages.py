@@ -120,7 +120,12 @@ def test_diagnostics_judge_what_happened_since_the_last_status():
         convert.WARN,
         "microphone 7 stuck",
     )
-    assert judge(pings_heard=13, state="away", reason="unplugged") == (
+    failing = {"ROS 2 frames": "why"}
+    assert judge(pings_heard=14, publish_failures=2, outputs_failing=failing) == (
+        convert.WARN,
+        "publish_failures +2, ROS 2 frames: why",
+    )
+    assert judge(pings_heard=14, state="away", reason="unplugged") == (
         convert.ERROR,
         "away, unplugged",
     )

@@ -7,7 +7,7 @@ from ertis_daemon.config_read import parse_config
 from ertis_daemon.ros2 import environment, wire
 from ertis_daemon.ros2.config import Ros2Config
 from ertis_daemon.yaml_nodes import ConfigError
-from ertis_daemon.zenoh_session import PublisherError, session_config
+from ertis_daemon.zenoh_session import PublisherError, any_port, session_config
 
 KIND = wire.MessageKind("vision_msgs/msg/Detection3DArray", "RIHS01_79")
 NODE = wire.Node(0, "a1b2", 0, "/robot1", "ertis")
@@ -114,3 +114,8 @@ def test_names_that_ros_does_not_take_are_refused_with_their_line(line):
 def test_it_is_off_by_default_and_topics_are_relative_or_absolute():
     assert not Ros2Config().enabled
     read("detections_topic: a/b, diagnostics_topic: '', dock_topic: /dock, namespace: /a/b")
+
+
+def test_a_session_beside_another_listens_at_the_same_addresses_on_any_port():
+    listen = ("tcp/localhost:0", "tcp/127.0.0.1:7447", "tls/[::1]:7448#iface=lo", "unixpipe/x")
+    assert any_port(listen) == ("tcp/localhost:0", "tcp/127.0.0.1:0", "tls/[::1]:0#iface=lo")
