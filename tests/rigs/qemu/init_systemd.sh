@@ -13,7 +13,7 @@ mkdir -p /memory /stage /root
 for share in host stage; do
     mount -t 9p -o trans=virtio,version=9p2000.L,msize=524288,cache=loose,ro $share /$share
 done
-mount -t tmpfs -o size=600m memory /memory
+mount -t tmpfs -o size=75% memory /memory
 mkdir /memory/upper /memory/work
 mount -t overlay -o lowerdir=/stage:/host,upperdir=/memory/upper,workdir=/memory/work root /root
 # What belongs to the host: that it is a container, its disks, its machine id, its own units.
