@@ -211,7 +211,7 @@ class SonarConfig:
         20.0, "of the air, degrees Celsius; sets the speed of sound", low=-60, high=80
     )
     humidity_percent: float = option(
-        50.0, "of the air, relative: 50 more make ranges 0.17 % longer at 20 C", low=0, high=100
+        50.0, "of the air, relative: 50 more make ranges 0.19 % longer at 20 C", low=0, high=100
     )
     ping_on: PingOn = option(
         "timer", "what pings: timer, an edge on pin1 or pin2 of the device, or command (cmd/ping)"
