@@ -3,19 +3,14 @@
 As on a robot without a network: the wheels are there, and pip is told so by its environment.
 """
 
-import os
-import re
 import shutil
-import subprocess
-from pathlib import Path
 
 import pytest
-from qemu.kernel import CHECKOUT, NoGuest
-from qemu.machine import boot
+from qemu.kernel import CHECKOUT
+from qemu.rig import PYTHON, boot_or_skip, found, run_from_index, skip_without_systemd
 
 pytestmark = [pytest.mark.slow, pytest.mark.index]
 
-PYTHON = "/usr/bin/python3"
 FETCH_S = 400
 GUEST_S = 900
 MEMORY_MB = 2048  # what is installed lies in it: 300 MB
@@ -38,38 +33,21 @@ TimeoutStopSec=60s
 
 def fetch_wheels(folder, tree):
     """All that pip needs for the tree, as wheels in a folder."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     pip = folder / "venv/bin/pip"
     for command in (
         [PYTHON, "-m", "venv", folder / "venv"],
         [pip, "download", "-q", "-d", folder / "wheels", "hatchling", f"{tree}[ros2]"],
     ):
-        try:
-            done = subprocess.run(
-                command,
-                env=environment,
-                capture_output=True,
-                text=True,
-                timeout=FETCH_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            pytest.skip(f"the package index did not deliver what to install in {FETCH_S} s")
-        if re.search(
-            "No matching distribution|Could not find|ensurepip", done.stderr + done.stdout
-        ):
-            pytest.skip(f"nothing to install from: {done.stderr.strip()[-300:]}")
-        assert done.returncode == 0, done.stderr[-3000:]
+        run_from_index(
+            command, limit_s=FETCH_S, unless="No matching distribution|Could not find|ensurepip"
+        )
     return folder / "wheels"
 
 
 @pytest.fixture(scope="module")
 def guest(tmp_path_factory):
     """One boot for all tests; what was seen is left in out/install.txt."""
-    if not Path("/lib/systemd/systemd").exists():
-        pytest.skip("no systemd to boot the guest with: apt install systemd udev")
-    if not Path(PYTHON).exists():
-        pytest.skip(f"no {PYTHON}, which is the Python that a service may see")
+    skip_without_systemd()
     stage = tmp_path_factory.mktemp("stage")
     tree = stage / "srv/ertis"
     shutil.copytree(CHECKOUT, tree, ignore=shutil.ignore_patterns(".*", "__pycache__", "out"))
@@ -78,25 +56,13 @@ def guest(tmp_path_factory):
     drop_in = stage / "etc/systemd/system/ertis-daemon.service.d/emulated.conf"
     drop_in.parent.mkdir(parents=True)
     drop_in.write_text(PATIENCE)
-    try:
-        run = boot(
-            ["-m", "qemu.inside.installing", "/srv/ertis", "/srv/wheels", PYTHON],
-            stage=stage,
-            memory_mb=MEMORY_MB,
-            timeout_s=GUEST_S,
-        )
-    except NoGuest as reason:
-        pytest.skip(str(reason))
-    transcript = CHECKOUT / "out" / "install.txt"
-    transcript.parent.mkdir(exist_ok=True)
-    transcript.write_text(run.console)
-    return run
-
-
-def found(guest, step):
-    end = f"{'killed' if guest.timed_out else 'off'} after {guest.seconds:.0f} s"
-    assert step in guest.results, f"no end of {step}; guest {end}:\n{guest.console[-3000:]}"
-    return guest.results[step]
+    return boot_or_skip(
+        ["-m", "qemu.inside.installing", "/srv/ertis", "/srv/wheels", PYTHON],
+        "install.txt",
+        stage=stage,
+        memory_mb=MEMORY_MB,
+        timeout_s=GUEST_S,
+    )
 
 
 def test_make_install_on_a_clean_tree_needs_nothing_but_wheels(guest, capsys):

@@ -1,8 +1,11 @@
 """Rig C: real cdc-acm, usbfs and libusb in a QEMU guest; see qemu/README.md."""
 
+from functools import partial
+
 import pytest
-from qemu.kernel import CHECKOUT, NoGuest
-from qemu.machine import boot, read_results
+from qemu.machine import read_results
+from qemu.rig import boot_or_skip
+from qemu.rig import found as found_in
 
 pytestmark = pytest.mark.slow
 
@@ -11,29 +14,14 @@ WHOLE = ["as sent", "as sent", "as sent"]  # a ping before the fault, with it, a
 
 @pytest.fixture(scope="module")
 def guest():
-    """One boot for all tests."""
-    try:
-        run = boot(["-m", "qemu.inside.job"])
-    except NoGuest as reason:
-        pytest.skip(str(reason))
-    transcript = CHECKOUT / "out" / "qemu.txt"
-    transcript.parent.mkdir(exist_ok=True)
-    transcript.write_text(run.console)
-    return run  # also after a hang: what ended before it counts, what did not is missed below
+    """One boot; also after a hang: what ended before it counts, what did not is missed below."""
+    return boot_or_skip(["-m", "qemu.inside.job"], "qemu.txt")
 
 
 @pytest.fixture
 def found(guest):
     """What a case found in the guest."""
-
-    def find(case):
-        end = f"{'killed' if guest.timed_out else 'off'} after {guest.seconds:.0f} s"
-        assert case in guest.results, f"no end of {case}; guest {end}:\n{guest.console[-3000:]}"
-        result = guest.results[case]
-        assert "error" not in result, result["error"]
-        return result
-
-    return find
+    return partial(found_in, guest)
 
 
 @pytest.fixture
@@ -156,10 +144,7 @@ def test_a_device_that_another_program_left_babbling_pings_as_ever(found):
 
 
 def test_a_guest_that_hangs_is_killed():
-    try:
-        run = boot(["-c", "import time; print('waiting'); time.sleep(600)"], timeout_s=40)
-    except NoGuest as reason:
-        pytest.skip(str(reason))
+    run = boot_or_skip(["-c", "import time; print('waiting'); time.sleep(600)"], timeout_s=40)
     assert run.timed_out
     assert run.seconds < 60
     assert run.results == {}

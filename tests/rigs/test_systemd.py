@@ -3,18 +3,15 @@
 What ``make install`` stages here is laid over the guest's root; see qemu/README.md.
 """
 
-import os
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
-from qemu.kernel import CHECKOUT, NoGuest
-from qemu.machine import boot
+from qemu.kernel import CHECKOUT
+from qemu.rig import PYTHON, boot_or_skip, found, run_from_index, skip_without_systemd
 
 pytestmark = [pytest.mark.slow, pytest.mark.index]
 
-PYTHON = "/usr/bin/python3"
 INSTALL_S = 400
 GUEST_S = 1300
 # An emulated machine is thirty times slower than a robot's, and so is looking at it: why a unit
@@ -27,37 +24,17 @@ RestartSec=10s
 """
 
 
-def why_not():
-    if not Path("/lib/systemd/systemd").exists():
-        return "no systemd to boot the guest with: apt install systemd udev"
-    if not Path(PYTHON).exists():
-        return f"no {PYTHON}, which is the Python that a service may see"
-    return None
-
-
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """A clean tree after ``make install``."""
-    if why_not():
-        pytest.skip(why_not())
+    skip_without_systemd()
     stage = tmp_path_factory.mktemp("stage")
-    command = ["make", "-s", "install", f"DESTDIR={stage}", f"PYTHON={PYTHON}"]
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    try:
-        done = subprocess.run(
-            command,
-            cwd=CHECKOUT,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=INSTALL_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        pytest.skip(f"the package index did not deliver what is to be installed in {INSTALL_S} s")
-    if re.search("No matching distribution|Could not find a version|python3-venv", done.stderr):
-        pytest.skip(f"nothing to install from: {done.stderr.strip()[-300:]}")
-    assert done.returncode == 0, done.stderr[-3000:]
+    run_from_index(
+        ["make", "-s", "install", f"DESTDIR={stage}", f"PYTHON={PYTHON}"],
+        cwd=CHECKOUT,
+        limit_s=INSTALL_S,
+        unless="No matching distribution|Could not find a version|python3-venv",
+    )
     return stage
 
 
@@ -71,18 +48,12 @@ def guest(installed):
     short, count = re.subn(r"(?m)^num_words: .*$", "num_words: 65536", example)
     assert count == 1
     (installed / "etc/ertis/ERTIS001.yaml").write_text(short)
-    try:
-        run = boot(
-            ["-m", "qemu.inside.job", "without_a_configuration", "service_life"],
-            stage=installed,
-            timeout_s=GUEST_S,
-        )
-    except NoGuest as reason:
-        pytest.skip(str(reason))
-    transcript = CHECKOUT / "out" / "systemd.txt"
-    transcript.parent.mkdir(exist_ok=True)
-    transcript.write_text(run.console)
-    return run
+    return boot_or_skip(
+        ["-m", "qemu.inside.job", "without_a_configuration", "service_life"],
+        "systemd.txt",
+        stage=installed,
+        timeout_s=GUEST_S,
+    )
 
 
 @pytest.fixture
@@ -92,14 +63,6 @@ def life(guest, capsys):
         for key in ("plugged", "process", "hung", "after_hang", "unplugged", "replugged"):
             print(f"\n{key}: {result[key]}", end="")
         print()
-    return result
-
-
-def found(guest, case):
-    end = f"{'killed' if guest.timed_out else 'off'} after {guest.seconds:.0f} s"
-    assert case in guest.results, f"no end of {case}; guest {end}:\n{guest.console[-3000:]}"
-    result = guest.results[case]
-    assert "error" not in result, result["error"]
     return result
 
 
