@@ -413,6 +413,7 @@ def test_the_daemon_ends_when_all_its_recordings_have_and_every_event_fits_the_s
     subscriber = daemon.session.declare_subscriber(
         "ertis/a/landmarks", zenoh.handlers.FifoChannel(100)
     )
+    daemon.wait("a", state="running")  # the daemon's session answers sooner than its sonars do
     (schema,) = daemon.ask("ertis/a/schema")
     daemon.ask("ertis/a/cmd/ping?count=21")  # the last one finds the end
     daemon.thread.join(DEADLINE_S)
