@@ -57,6 +57,10 @@ class UploadFailed(DeviceError):
     """The device holds another chirp than was sent: configure it again."""
 
 
+class OutOfStep(DeviceError):
+    """Its answers do not fit what it was asked, bytes were lost or doubled: configure it again."""
+
+
 class DeviceUnsupported(DeviceError):
     """The firmware declined a request (external trigger, amplifier): do without it."""
 

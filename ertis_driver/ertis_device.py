@@ -151,6 +151,8 @@ class ErtisDevice(Closing):
             If it does not answer as an eRTIS.
         UploadFailed
             If it holds another chirp than was sent.
+        OutOfStep
+            If bytes of its answers were lost or doubled.
         """
         with self._turn:
             self._settings = None

@@ -6,7 +6,7 @@ import logging
 
 from ertis_driver import protocol
 from ertis_driver.device import TRIGGER_PINS, ExternalTrigger, Settings
-from ertis_driver.errors import DeviceError, DeviceTimeout, DeviceUnsupported, WrongDevice
+from ertis_driver.errors import DeviceTimeout, DeviceUnsupported, OutOfStep, WrongDevice
 from ertis_driver.exchanges import Exchanges
 from ertis_driver.frame import AUDIBLE_PDM_RATE_HZ
 from ertis_driver.protocol import encode_command
@@ -76,7 +76,7 @@ class Registers:
 
         Raises
         ------
-        DeviceUnsupported, UploadFailed, DeviceTimeout, DeviceLost, DeviceError
+        DeviceUnsupported, UploadFailed, OutOfStep, DeviceTimeout, DeviceLost
         """
         codes = settings.chirp.dac_codes()
         audible = settings.pdm_rate_hz == AUDIBLE_PDM_RATE_HZ
@@ -92,7 +92,7 @@ class Registers:
         # Before a frame can come unasked: a byte too few or too many shifts each answer.
         met = self._command("Y")
         if met != version:
-            raise DeviceError(
+            raise OutOfStep(
                 f"{self._name} answered out of step (version 0x{met:08x}, expected "
                 f"0x{version:08x}): configure it again"
             )

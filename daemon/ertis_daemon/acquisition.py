@@ -20,6 +20,7 @@ from ertis_driver.ping_counter import missing_between
 log = logging.getLogger(__name__)
 
 MAX_TIMEOUTS = 5  # in a row; a sonar silent for longer is not coming back by itself
+MAX_DAMAGED = 10  # frames in a row; a sonar that restarted may send them in another size for ever
 EDGE_WAIT_S = 0.2  # for a trigger; how late a stop is seen
 POLL_S = 0.1
 MAX_ASKED = 100  # pings on demand that may wait
@@ -120,6 +121,7 @@ class Acquisition(threading.Thread):
         self._last_index: int | None = None
         self._count = 0
         self._silent = 0
+        self._damaged = 0
         self.sign_of_life_s = time.monotonic()
 
     def run(self) -> None:
@@ -168,6 +170,9 @@ class Acquisition(threading.Thread):
             frame = self._frame()
         except FrameCorrupt as error:
             self._status.frames_corrupt += 1
+            self._damaged += 1
+            if self._damaged > MAX_DAMAGED:
+                raise
             log.warning("the frame after ping %s was dropped: %s", self._last_index, error)
             return None
         except PingLost as error:
@@ -183,7 +188,7 @@ class Acquisition(threading.Thread):
                 raise
             log.warning("no frame after ping %s: %s", self._last_index, error)
             return None
-        self._silent = 0
+        self._silent = self._damaged = 0
         return frame
 
     def _frame(self) -> PdmFrame | None:

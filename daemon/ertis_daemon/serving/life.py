@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -32,6 +33,7 @@ from ertis_driver.errors import (
     DevicePermission,
     DeviceTimeout,
     FrameCorrupt,
+    OutOfStep,
     PingLost,
     UploadFailed,
 )
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 ABSENT = (DeviceNotFound, DevicePermission, DeviceBusy, DeviceLost, PingLost)
-TROUBLED = (DeviceTimeout, DeviceBabbles, UploadFailed, FrameCorrupt, ServiceError)
+TROUBLED = (DeviceTimeout, DeviceBabbles, UploadFailed, OutOfStep, FrameCorrupt, ServiceError)
 ABSENT_PAUSE_S = 0.25  # with opening and configuring, still under 2 s after the device is there
 POLL_S = 0.1
 
@@ -75,6 +77,8 @@ class SonarLife(threading.Thread):
         Added to each status message.
     subscribe
         Hears a key of others through a channel of some size, for odometry.
+    backoff
+        How long it is left alone after trouble.
 
     Attributes
     ----------
@@ -96,6 +100,7 @@ class SonarLife(threading.Thread):
         beat: Callable[[], None] = _nothing,
         around: Callable[[], Mapping[str, Any]] = dict,
         subscribe: Callable[[str, int], Any] | None = None,
+        backoff: Backoff | None = None,
     ) -> None:
         super().__init__(name=f"sonar {config.device.name}", daemon=True)
         self.config = config
@@ -114,8 +119,8 @@ class SonarLife(threading.Thread):
         self._lock = threading.Lock()
         self._next: tuple[SonarConfig, Turns | None] | None = None
         self._run_stop = threading.Event()
-        self._backoff = Backoff()
-        self._opened_s = 0.0
+        self._backoff = backoff or Backoff()
+        self._opened_s = math.inf  # not this time
         self._heard_before = 0  # since the daemon began, when this configuration was taken
         self._checked: SonarConfig | None = None
         self._detector: LandmarkDetector | None = None  # of what was checked
@@ -155,6 +160,7 @@ class SonarLife(threading.Thread):
             self._run_stop = stop = threading.Event()
         if self._ended.is_set():
             return
+        self._opened_s = math.inf
         try:
             self._serve(stop)
         except ABSENT as error:
@@ -164,8 +170,8 @@ class SonarLife(threading.Thread):
             if not self.config.device.address.startswith(HARDWARE):
                 self._over("failed", stop, error)
                 return
-            heard_s = self.status.heard_s
-            worked_s = heard_s[-1] - self._opened_s if heard_s else 0.0
+            last_heard_s = self.status.heard_s[-1] if self.status.heard_s else -math.inf
+            worked_s = max(0.0, last_heard_s - self._opened_s)
             self._wait(stop, "failed", error, self._backoff.after(worked_s))
         except Exception as error:  # noqa: BLE001  # of this sonar only
             self._over("failed", stop, error)
