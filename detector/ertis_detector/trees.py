@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ Float32 = npt.NDArray[np.float32]
 MAX_LEAVES = 32  # bits of a mask
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Trees:
     """A forest whose leaves add up, one sum a class.
 
@@ -48,11 +49,30 @@ class Trees:
 
     def scores(self, features: Float32) -> Float32:
         """Sums of leaves, shape (n, num_classes)."""
+        feature, threshold, left = self._questions
+        num_trees = self.first.size
         # "clip" only tells take that it need not check: indices are of features by construction.
-        is_more = features.take(self.feature, 1, mode="clip") > self.threshold
-        ruled_out = np.bitwise_or.reduceat(is_more * ~self.mask, self.first, axis=1)
+        is_more = features.take(feature, 1, mode="clip") > threshold
+        answers = (is_more * left).reshape(len(features), -1, num_trees)
+        ruled_out = np.bitwise_or.reduce(answers, axis=1)
         lowest = ~ruled_out & (ruled_out + np.uint32(1))
         leaf = np.frexp(lowest.astype(np.float32))[1] - 1  # a power of two: exact
-        values = self.leaves[np.arange(self.first.size), leaf]
-        sums = values.reshape(len(features), -1, self.baseline.size).sum(axis=1, dtype=np.float32)
-        return np.asarray(sums + self.baseline)
+        values = self.leaves.take(leaf + self.leaves.shape[1] * np.arange(num_trees))
+        rounds = values.reshape(len(features), -1, self.baseline.size)
+        return np.asarray(np.ones(rounds.shape[1], np.float32) @ rounds + self.baseline)
+
+    @cached_property
+    def _questions(self) -> tuple[npt.NDArray[np.intp], Float32, npt.NDArray[np.uint32]]:
+        """Feature, threshold and leaves on the left: of all trees' first splits, of their second.
+
+        Whole rows add up fast. A tree of fewer splits asks what rules nothing out.
+        """
+        sizes = np.diff(self.first, append=self.feature.size)
+        at = np.arange(self.feature.size) - np.repeat(self.first, sizes)
+        at *= sizes.size
+        at += np.repeat(np.arange(sizes.size), sizes)
+        count = sizes.max() * sizes.size
+        feature, threshold = np.zeros(count, np.intp), np.zeros(count, np.float32)
+        left = np.zeros(count, np.uint32)
+        feature[at], threshold[at], left[at] = self.feature, self.threshold, ~self.mask
+        return feature, threshold, left

@@ -219,6 +219,28 @@ def test_arrays_that_make_no_model_are_refused(path, name, wrong, told):
     assert told in refusal(path)
 
 
+def test_a_tree_of_more_splits_than_its_leaves_allow_is_refused(path):
+    splits = {
+        "trees__feature": np.zeros(40, np.uint8),
+        "trees__threshold": np.zeros(40, np.float32),
+        "trees__mask": np.full(40, 0xFFFFFFFE, np.uint32),
+    }
+    save_model(made(**splits, trees__first=np.array([0, 31, 32, 33, 34, 35], np.int32)), path)
+    load_model(path)
+    save_model(made(**splits, trees__first=np.array([0, 32, 33, 34, 35, 36], np.int32)), path)
+    assert "lead nowhere" in refusal(path)
+
+
+def test_weights_that_training_made_vanish_are_loaded_as_nothing(path):
+    first = arrays()["committee.first"]
+    tiny = first.copy()
+    tiny[:, ::2] *= np.float32(1e-38)
+    save_model(made(committee__first=tiny), path)
+    loaded = load_model(path).classifier.committee.first
+    assert not loaded[:, ::2].any()
+    np.testing.assert_array_equal(loaded[:, 1::2], first[:, 1::2])
+
+
 @pytest.mark.parametrize(
     ("classes", "sizes"),
     [
