@@ -210,11 +210,9 @@ def array_coherence(focus: Focus, baseband: Complex, points_m: Float) -> Float:
     shape (num_points, num_subbands)
     """
     delays_s = focus.delays_s(points_m)
-    pieces, residue = focus.windows(baseband, delays_s, _COHERENCE_SAMPLES)
-    subbands_hz, to_subbands = _subbands(focus.info.half_band_hz)
-    heard = (pieces @ to_subbands) * phasor(residue[:, :, None] * subbands_hz)
+    heard = focus.subbands(baseband, delays_s, *_subbands(focus.info.half_band_hz))
     together = np.abs(heard.sum(axis=1)) ** 2
-    each = np.sum(np.abs(heard) ** 2, axis=1)
+    each = np.sum(heard.real**2 + heard.imag**2, axis=1)
     return np.asarray(together / (heard.shape[1] * each + 1e-20), np.float64)
 
 

@@ -275,14 +275,13 @@ def _two_tap_weights(part: Float, half_band_hz: float) -> Float:
     -------
     shape (..., 2)
     """
-    # Means of e^{iw shift} over the band, for shifts of one sample and to either one.
     whole = 2 * half_band_hz / RATE_HZ
     neighbour = float(np.sinc(whole))
-    to_first, to_next = np.sinc(whole * np.stack([part, 1 - part]))
-    scale = 1 / (1 - neighbour**2)
-    first = (to_first - neighbour * to_next) * scale
-    following = (to_next - neighbour * to_first) * scale
-    return np.stack([first, following], axis=-1)
+    angle = np.pi * whole * np.stack([part, 1 - part], axis=-1)
+    np.maximum(angle, 1e-9, out=angle)  # where the sine is as large
+    # Means of e^{iw shift} over the band, for shifts to either one; a whole sample's is above.
+    means = np.sin(angle) / angle
+    return np.asarray((means - neighbour * means[..., ::-1]) / (1 - neighbour**2))
 
 
 class Focus:
@@ -298,36 +297,49 @@ class Focus:
         self.mics, self.emitter = mic_positions_m, emitter_position_m
         self.info, self.c = info, speed_of_sound_m_s
         # |p - m|^2 = |p|^2 + |m|^2 - 2 p m: one product instead of all differences.
-        self._mics_square = np.sum(mic_positions_m**2, axis=1)
-        self._mics_twice = -2 * mic_positions_m.T
+        all_m = np.concatenate([mic_positions_m, emitter_position_m[None]])
+        self._square = np.sum(all_m**2, axis=1)
+        self._twice = -2 * all_m.T
 
     def delays_s(self, points_m: Float) -> Float:
         """Two-way travel times emitter -> point -> microphones, shape (num_points, num_mics)."""
-        out = points_m - self.emitter
-        way = np.sqrt(np.einsum("ij,ij->i", out, out))[:, None]
-        square = np.einsum("ij,ij->i", points_m, points_m)[:, None] + self._mics_square
-        return np.asarray(
-            (way + np.sqrt(np.maximum(square + points_m @ self._mics_twice, 0))) / self.c
-        )
+        ways = points_m @ self._twice
+        ways += self._square
+        ways += np.einsum("ij,ij->i", points_m, points_m)[:, None]
+        np.maximum(ways, 0, out=ways)
+        np.sqrt(ways, out=ways)
+        return np.asarray((ways[:, :-1] + ways[:, -1:]) / self.c)
 
-    def windows(self, baseband: Complex, delays_s: Float, length: int) -> tuple[Complex, Float]:
-        """Each microphone's sound around its own delay, in phase with the others.
+    def subbands(
+        self,
+        baseband: Complex,
+        delays_s: Float,
+        offsets_hz: npt.NDArray[np.floating],
+        to_subbands: Complex,
+    ) -> Complex:
+        """Each microphone's sound around its own delay, by subbands, in phase with the others.
 
         Parameters
         ----------
         baseband : complex64, shape (num_mics, num_samples)
         delays_s : shape (num_points, num_mics)
-        length : int
-            Sample ``length // 2`` of each window is nearest to the delay. Silence beyond the frame.
+        offsets_hz : shape (num_subbands,)
+            Of the subbands, from the carrier.
+        to_subbands : complex64, shape (length, num_subbands)
+            What takes a window to them. Sample ``length // 2`` of the window is nearest to the
+            delay; silence beyond the frame.
 
         Returns
         -------
-        complex64, shape (num_points, num_mics, length), and what rounding left of each delay, s
+        complex64, shape (num_points, num_mics, num_subbands)
         """
-        nearest = np.rint(delays_s * RATE_HZ).astype(np.intp)
-        pieces = _pieces(baseband, nearest - length // 2, length)
-        pieces *= phasor(self.info.carrier_hz * delays_s)[:, :, None]
-        return pieces, delays_s - nearest / RATE_HZ
+        length = len(to_subbands)
+        nearest = np.rint(delays_s * RATE_HZ)
+        pieces = _pieces(baseband, nearest.astype(np.intp) - length // 2, length)
+        cycles = (delays_s - nearest / RATE_HZ)[:, :, None] * offsets_hz
+        cycles += (self.info.carrier_hz * delays_s)[:, :, None]
+        heard = pieces.reshape(-1, length) @ to_subbands
+        return np.asarray(heard.reshape(cycles.shape) * phasor(cycles))
 
     def beam(self, baseband: Complex, points_m: Float, before: int, length: int) -> Complex:
         """The sound from each point, shape (num_points, length), at the baseband's rate.
@@ -335,9 +347,10 @@ class Focus:
         Sample ``before`` is the point's own two-way time. Silence beyond the frame.
         """
         delays_s = self.delays_s(points_m)
-        earlier = np.floor(delays_s * RATE_HZ)
+        late = delays_s * RATE_HZ
+        earlier = np.floor(late)
         pieces = _pieces(baseband, earlier.astype(np.intp) - before, length + 1)
-        pair = _two_tap_weights(delays_s * RATE_HZ - earlier, self.info.half_band_hz)
+        pair = _two_tap_weights(late - earlier, self.info.half_band_hz)
         turn = phasor(self.info.carrier_hz * delays_s) / np.float32(len(self.mics))
         pair = pair.astype(np.float32) * turn[:, :, None]
         both = pair.transpose(0, 2, 1) @ pieces
@@ -346,14 +359,15 @@ class Focus:
 
 def _pieces(baseband: Complex, first: npt.NDArray[np.intp], length: int) -> Complex:
     """Copies of each microphone's samples from ``first``, shape (num_points, num_mics), on."""
-    mic = np.arange(len(baseband))[None, :]
-    if first.min() >= 0 and first.max() <= baseband.shape[1] - length:
-        # As sliding_window_view, which takes as long as the copying.
-        shape = (len(baseband), baseband.shape[1] - length + 1, length)
-        strides = (*baseband.strides, baseband.strides[1])
-        windows = np.lib.stride_tricks.as_strided(baseband, shape, strides, writeable=False)
-        return np.asarray(windows[mic, first])
+    num_mics, num_samples = baseband.shape
+    if first.min() >= 0 and first.max() <= num_samples - length:
+        # A window as one item: one index each, and one copy.
+        flat = np.ascontiguousarray(baseband).reshape(-1)
+        window = np.dtype((np.void, length * flat.itemsize))
+        windows = np.ndarray(flat.size - length + 1, window, flat, 0, flat.strides)
+        chosen = windows[first + num_samples * np.arange(num_mics)]
+        return np.asarray(chosen.view(flat.dtype).reshape(*first.shape, length))
     index = first[:, :, None] + np.arange(length)
-    valid = (index >= 0) & (index < baseband.shape[1])
-    inside = np.clip(index, 0, baseband.shape[1] - 1)
-    return np.asarray(baseband[mic[:, :, None], inside] * valid)
+    valid = (index >= 0) & (index < num_samples)
+    inside = np.clip(index, 0, num_samples - 1)
+    return np.asarray(baseband[np.arange(num_mics)[:, None], inside] * valid)

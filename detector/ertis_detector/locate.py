@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
 
 from ertis_detector.fragment import hann
 from ertis_detector.imaging import RATE_HZ, Complex, Float, Focus, phasor, unit_vectors
@@ -24,6 +23,7 @@ _MAX_ELEVATION_RAD = np.deg2rad(60.0)
 _GRID_A, _GRID_E = np.repeat([-1, 0, 1], 3), np.tile([-1, 0, 1], 3)
 # Beyond +-28 kHz of the carrier no chirp of this sensor has energy; between lie no new facts.
 _SUBBANDS = np.arange(-4, 5, 2)
+_TO_SUBBANDS = phasor(np.outer(np.arange(_WINDOW), -_SUBBANDS / _WINDOW)) * hann(_WINDOW)[:, None]
 _LEAST_BEND = 1e-20  # of power; what is heard bends by 1e-10 or more
 
 
@@ -93,10 +93,8 @@ class _Steerer:
         self._focus, self._range = focus, range_m
         points = range_m[:, None] * unit_vectors(azimuth, np.zeros_like(azimuth))
         self._delays = focus.delays_s(points)
-        pieces, residue = focus.windows(baseband, self._delays, _WINDOW)
-        spectrum = scipy.fft.fft(pieces * hann(_WINDOW), axis=2)
         offsets_hz = RATE_HZ / _WINDOW * _SUBBANDS
-        heard = spectrum[:, :, _SUBBANDS] * phasor(residue[:, :, None] * offsets_hz)
+        heard = focus.subbands(baseband, self._delays, offsets_hz, _TO_SUBBANDS)
         self._heard = heard.transpose(0, 2, 1)[:, :, :, None].copy()  # subband by subband
         self._subbands_hz = (focus.info.carrier_hz + offsets_hz).astype(np.float32)[:, None, None]
 

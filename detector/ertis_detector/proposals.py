@@ -13,6 +13,8 @@ from ertis_detector.imaging import Energyscape, Float, unit_vectors
 _MAIN_LOBE_CELLS, _MAIN_LOBE_SINE = 13, (0.16, 0.3)
 _ARRAY_SIDELOBES = (13, 10 ** (-7.5 / 10))
 _CHIRP_SIDELOBES = (66, 10 ** (-23 / 10))
+_SIDELOBES = np.full(_CHIRP_SIDELOBES[0] + 1, _CHIRP_SIDELOBES[1])  # by range cells away
+_SIDELOBES[: _ARRAY_SIDELOBES[0] + 1] = _ARRAY_SIDELOBES[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,7 @@ def propose(
 
 
 class _StrongCells:
-    """The cells of an energyscape that are strong enough: few, so that all work is on them."""
+    """The cells of an energyscape that are strong enough, by range: few, and a peak's together."""
 
     def __init__(
         self,
@@ -68,25 +70,32 @@ class _StrongCells:
         if within_m is not None:
             least[(range_m < within_m[0]) | (range_m > within_m[1])] = np.inf
         strong = np.flatnonzero(scape.power >= least.astype(np.float32))
+        direction = strong // range_m.size
+        cell = strong - direction * range_m.size
+        # Numbers of 16 bits are sorted four times as fast.
+        by_range = cell.astype(np.min_scalar_type(range_m.size)).argsort(kind="stable")
         self._scape = scape
-        self._direction, self._cell = np.divmod(strong, range_m.size)
-        self._power = scape.power.ravel()[strong]
+        self._direction, self._cell = direction[by_range], cell[by_range]
+        self._power = scape.power.ravel()[strong[by_range]]
         self._ranked = self._power * (range_m**range_exponent).astype(np.float32)[self._cell]
         self._toward = unit_vectors(scape.azimuth_rad, scape.elevation_rad)
 
     def take_highest(self) -> Proposal | None:
         """The most promising one, which hides what may be its own; None if none is left."""
-        if not self._ranked.any():
+        if not self._ranked.size:
             return None
         at = int(self._ranked.argmax())
+        if not self._ranked[at]:
+            return None
         direction, cell, peak = self._direction[at], self._cell[at], float(self._power[at])
+        reach = _CHIRP_SIDELOBES[0]
+        near = slice(*self._cell.searchsorted((cell - reach, cell + reach + 1)))
         away = np.abs(self._toward - self._toward[direction])
         main_lobe = (away[:, 1] < _MAIN_LOBE_SINE[0]) & (away[:, 2] < _MAIN_LOBE_SINE[1])
-        cells_away = np.abs(self._cell - cell)
-        hidden = (cells_away <= _MAIN_LOBE_CELLS) & main_lobe[self._direction]
-        for cells, part in (_ARRAY_SIDELOBES, _CHIRP_SIDELOBES):
-            hidden |= (cells_away <= cells) & (self._power < peak * part)
-        self._ranked[hidden] = 0
+        cells_away = np.abs(self._cell[near] - cell)
+        hidden = (cells_away <= _MAIN_LOBE_CELLS) & main_lobe[self._direction[near]]
+        hidden |= self._power[near] < peak * _SIDELOBES[cells_away]
+        self._ranked[near][hidden] = 0
         return Proposal(
             float(self._scape.range_m[cell]),
             float(self._scape.azimuth_rad[direction]),
