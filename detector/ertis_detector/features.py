@@ -89,6 +89,8 @@ class EchoFeatures:
         inside = np.flatnonzero((frequency > low) & (frequency < high))
         self._bins = inside[np.argsort(frequency[inside])]
         self.frequency_hz = frequency[self._bins]
+        cycles = np.outer(np.arange(FRAGMENT_SAMPLES), -self._bins / FRAGMENT_SAMPLES)
+        self._to_spectrum = phasor(cycles) * gate()[:, None]
         self._inverse = self._division(matched_filter, chirp)
         # A fragment's middle is time zero: half its length later every other line has its sign
         # changed.
@@ -171,7 +173,7 @@ class EchoFeatures:
 
         Scattering length times a constant of the sensor's loudness.
         """
-        spectrum = scipy.fft.fft(fragments * gate(), axis=1)[:, self._bins]
+        spectrum = fragments @ self._to_spectrum
         cosine = np.cos(places.azimuth_rad) * np.cos(places.elevation_rad)
         sine = np.sqrt(np.maximum(1 - cosine**2, 0))
         pattern = np.abs(piston_pattern(self._wavenumber[None, :], sine[:, None]))

@@ -18,7 +18,6 @@ MAX_AZIMUTH_RAD = np.deg2rad(60.0)
 MIN_RANGE_M = 0.5
 # Kept from the chirp's own duration: nothing nearer than this can be told from the direct path.
 _EDGE_SAMPLES = 96
-_BATCH_MICS = 8  # their transforms fit into the L2 cache
 _BLOCK_DIRECTIONS = 13  # neighbours hear a microphone at nearly the same time: they share its rows
 
 Complex = npt.NDArray[np.complex64]
@@ -27,9 +26,10 @@ Float = npt.NDArray[np.float64]
 
 def unit_vectors(azimuth_rad: Float, elevation_rad: Float) -> Float:
     """Directions in the sensor frame (x forward, y left, z up), shape (..., 3)."""
-    vectors = np.empty((*np.broadcast_shapes(azimuth_rad.shape, elevation_rad.shape), 3))
     flat = np.cos(elevation_rad)
-    vectors[..., 0] = flat * np.cos(azimuth_rad)
+    forward = flat * np.cos(azimuth_rad)
+    vectors = np.empty((*forward.shape, 3))
+    vectors[..., 0] = forward
     vectors[..., 1] = flat * np.sin(azimuth_rad)
     vectors[..., 2] = np.sin(elevation_rad)
     return vectors
@@ -115,11 +115,10 @@ class MatchedFilter:
         middle = carrier_bin - int(bins[0])
         self._weight_above = weight[middle:].astype(np.complex64)
         self._weight_below = weight[:middle].astype(np.complex64)
-        self._fade = np.zeros(self.blank, np.float32)
         ramp = np.arange(_EDGE_SAMPLES) / _EDGE_SAMPLES
-        self._fade[-_EDGE_SAMPLES:] = np.sin(np.pi / 2 * ramp) ** 2
+        self._fade = (np.sin(np.pi / 2 * ramp) ** 2).astype(np.float32)
         # Kept from ping to ping: fresh memory costs more than the arithmetic on it.
-        self._faded = np.zeros((_BATCH_MICS, self._length), np.float32)
+        self._faded = np.zeros((0, self._length), np.float32)
         self._compressed = np.zeros((0, self.baseband.num_samples), np.complex64)
 
     def __call__(self, audio: npt.NDArray[np.float32]) -> Complex:
@@ -130,19 +129,13 @@ class MatchedFilter:
         complex64, shape (num_mics, baseband.num_samples)
             Overwritten by the next call.
         """
-        if len(self._compressed) != len(audio):
+        if len(self._faded) != len(audio):
+            self._faded = np.zeros((len(audio), self._length), np.float32)
             self._compressed = np.zeros((len(audio), self.baseband.num_samples), np.complex64)
-        for first in range(0, len(audio), _BATCH_MICS):
-            batch = slice(first, first + _BATCH_MICS)
-            self._correlate(audio[batch], self._compressed[batch])
-        self._compressed = scipy.fft.ifft(self._compressed, axis=1, overwrite_x=True)
-        return self._compressed
-
-    def _correlate(self, audio: npt.NDArray[np.float32], kept: Complex) -> None:
-        """The spectrum of what is returned."""
-        faded = self._faded[: len(audio)]
-        np.multiply(audio[:, : self.blank], self._fade, out=faded[:, : self.blank])
+        faded, kept = self._faded, self._compressed
         faded[:, : self._tail] = audio[:, self._length :]
+        edge = slice(self.blank - _EDGE_SAMPLES, self.blank)  # what is before it stays silent
+        np.multiply(audio[:, edge], self._fade, out=faded[:, edge])
         whole = self.num_samples - self._tail
         faded[:, self.blank : whole] = audio[:, self.blank : whole]
         spectrum = scipy.fft.rfft(faded, axis=1)
@@ -150,6 +143,8 @@ class MatchedFilter:
         np.multiply(spectrum[:, self._above], above, out=kept[:, : above.size])
         kept[:, above.size : -below.size] = 0
         np.multiply(spectrum[:, self._below], below, out=kept[:, -below.size :])
+        self._compressed = scipy.fft.ifft(kept, axis=1, overwrite_x=True)
+        return self._compressed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,6 +212,7 @@ class Imager:
         self._columns = baseband.num_samples // RANGE_STRIDE
         shape = (len(mic_positions_m), RANGE_STRIDE, self._columns)
         self._phases = np.zeros(shape, np.complex64)  # kept from ping to ping
+        self._windows = _windows(self._phases, self._cells)
         turn = np.exp(2j * np.pi * baseband.carrier_hz * late_s) / len(mic_positions_m)
         pair = _two_tap_weights(late - earlier, baseband.half_band_hz) * turn[:, :, None]
         self._blocks = [
@@ -248,12 +244,14 @@ class Imager:
         """Image ``baseband``, complex64 (num_mics, num_samples)."""
         samples = baseband[:, : self._columns * RANGE_STRIDE]
         self._phases[...] = samples.reshape(-1, self._columns, RANGE_STRIDE).transpose(0, 2, 1)
-        delayed = np.lib.stride_tricks.sliding_window_view(self._phases.reshape(-1), self._cells)
         power = np.empty((self.azimuth_rad.size, self._cells), np.float32)
         first = 0
         for steering, offsets in self._blocks:
-            beams = steering @ delayed[offsets]
-            np.add(beams.real**2, beams.imag**2, out=power[first : first + len(beams)])
+            delayed = self._windows[offsets].view(np.complex64).reshape(-1, self._cells)
+            beams = steering @ delayed
+            squares = beams.view(np.float32)
+            squares *= squares
+            np.add(squares[:, ::2], squares[:, 1::2], out=power[first : first + len(beams)])
             first += len(beams)
         return Energyscape(
             power, self.azimuth_rad, self.elevation_rad, self.range_m, noise_floor(power)
@@ -277,7 +275,9 @@ def _two_tap_weights(part: Float, half_band_hz: float) -> Float:
     """
     whole = 2 * half_band_hz / RATE_HZ
     neighbour = float(np.sinc(whole))
-    angle = np.pi * whole * np.stack([part, 1 - part], axis=-1)
+    angle = np.empty((*part.shape, 2))
+    angle[..., 0], angle[..., 1] = part, 1 - part
+    angle *= np.pi * whole
     np.maximum(angle, 1e-9, out=angle)  # where the sine is as large
     # Means of e^{iw shift} over the band, for shifts to either one; a whole sample's is above.
     means = np.sin(angle) / angle
@@ -305,7 +305,7 @@ class Focus:
         """Two-way travel times emitter -> point -> microphones, shape (num_points, num_mics)."""
         ways = points_m @ self._twice
         ways += self._square
-        ways += np.einsum("ij,ij->i", points_m, points_m)[:, None]
+        ways += (points_m**2).sum(axis=1, keepdims=True)
         np.maximum(ways, 0, out=ways)
         np.sqrt(ways, out=ways)
         return np.asarray((ways[:, :-1] + ways[:, -1:]) / self.c)
@@ -357,16 +357,24 @@ class Focus:
         return np.asarray(both[:, 0, :-1] + both[:, 1, 1:])
 
 
+def _windows(samples: Complex, length: int) -> npt.NDArray[np.void]:
+    """All runs of ``length`` samples, each as one item: taking some of them is a copy each.
+
+    Of a contiguous array of any shape, as if it were of one dimension; a view of its memory.
+    """
+    flat = samples.reshape(-1)
+    window = np.dtype((np.void, length * flat.itemsize))
+    windows = np.ndarray(flat.size - length + 1, window, flat, 0, flat.strides)
+    return np.asarray(windows)
+
+
 def _pieces(baseband: Complex, first: npt.NDArray[np.intp], length: int) -> Complex:
     """Copies of each microphone's samples from ``first``, shape (num_points, num_mics), on."""
     num_mics, num_samples = baseband.shape
     if first.min() >= 0 and first.max() <= num_samples - length:
-        # A window as one item: one index each, and one copy.
-        flat = np.ascontiguousarray(baseband).reshape(-1)
-        window = np.dtype((np.void, length * flat.itemsize))
-        windows = np.ndarray(flat.size - length + 1, window, flat, 0, flat.strides)
+        windows = _windows(np.ascontiguousarray(baseband), length)
         chosen = windows[first + num_samples * np.arange(num_mics)]
-        return np.asarray(chosen.view(flat.dtype).reshape(*first.shape, length))
+        return np.asarray(chosen.view(np.complex64).reshape(*first.shape, length))
     index = first[:, :, None] + np.arange(length)
     valid = (index >= 0) & (index < num_samples)
     inside = np.clip(index, 0, num_samples - 1)

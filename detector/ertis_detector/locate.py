@@ -75,13 +75,12 @@ def locate(
     points = range_m[:, None] * unit_vectors(azimuth, elevation)
     beam = np.abs(focus.beam(baseband, points, _HALF_PEAK, 2 * _HALF_PEAK + 1)) ** 2
     peak = beam[:, 1:-1].argmax(axis=1) + 1
-    row = np.arange(len(peak))
-    three = np.stack([beam[row, peak - 1], beam[row, peak], beam[row, peak + 1]], axis=1)
+    three = np.take_along_axis(beam, peak[:, None] + np.arange(-1, 2), 1)
     offset = peak + _tops(three) - _HALF_PEAK
     range_m = range_m + offset / RATE_HZ * focus.c / 2
     return [
         Location(float(r), float(a), float(e), float(p))
-        for r, a, e, p in zip(range_m, azimuth, elevation, beam[row, peak], strict=True)
+        for r, a, e, p in zip(range_m, azimuth, elevation, three[:, 1], strict=True)
         if abs(e) <= max_elevation_rad
     ]
 
