@@ -3,8 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 ERTIS := $(VENV)/bin/ertis
 STAMP := $(VENV)/.installed
-# Shipped models: chirp=random scenes to learn from.
-MODELS := hyperbolic:80000:20000:0.0025=16000 hyperbolic:50000:25000:0.0025=3000
+# Shipped models: chirp=random scenes of either seed to learn from=of the one to be calibrated on.
+MODELS := hyperbolic:80000:20000:0.0025=16000=8000 hyperbolic:50000:25000:0.0025=3000=3000
 FUZZ_TARGETS := parser firmware frame mcap raw
 FUZZ_S ?= 60
 
@@ -43,15 +43,18 @@ fuzz: setup
 	    -max_total_time=$$(( $(FUZZ_S) / $(words $(FUZZ_TARGETS)) )) || exit 1; \
 	done
 
-# The shipped models, made again from nothing: simulated scenes (11 GB in out/), then training.
+# The shipped models, made again from nothing: simulated scenes (26 GB in out/), then training.
 models: setup
 	mkdir -p out
-	for made in $(MODELS); do \
-	  rm -f out/training.mcap && \
-	  $(ERTIS) simulate --random --seed 1 -n $${made#*=} --chirp $${made%=*} -o out/training.mcap && \
-	  $(ERTIS) train out/training.mcap -o detector/ertis_detector/models || exit 1; \
-	done
-	rm -f out/training.mcap
+	set -e; for made in $(MODELS); do \
+	  chirp=$${made%%=*}; scenes=$${made#*=}; rm -f out/random-*.mcap; \
+	  for seed in 1 2 3; do \
+	    case $$seed in 3) n=$${scenes#*=};; *) n=$${scenes%=*};; esac; \
+	    $(ERTIS) simulate --random --seed $$seed -n $$n --chirp $$chirp -o out/random-$$seed.mcap; \
+	  done; \
+	  $(ERTIS) train out/random-1.mcap out/random-2.mcap --calibrate out/random-3.mcap \
+	    -o detector/ertis_detector/models; \
+	done; rm -f out/random-*.mcap
 
 # Lets the group dialout open the sonar, and names it /dev/ertis-SERIALNUMBER: sudo make udev
 udev:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit
 
 from ertis_detector.intervals import COVERAGE, NO_INTERVAL, RESAMPLES, Interval, wilson
+from ertis_detector.recalibration import applied, fit_recalibration
 
 NUM_BINS = 10
-_ROUNDS = 30  # of Newton's; ten are enough
 _SURE = 1e-6  # told probabilities are kept from 0 and 1 by so much
-_DOUBT = 0.1  # observations' worth of belief that what is told is true
+_YES = np.array([False, True])
 
 Float = npt.NDArray[np.float64]
 
@@ -61,25 +60,14 @@ def recalibrated(
     environments : n names, of two or more
     """
     sure = np.clip(told, _SURE, 1 - _SURE)
-    basis = np.stack([np.log(sure / (1 - sure)), np.ones(told.size)], axis=1)
-    names = np.asarray(environments)
+    logarithms = np.log(np.stack([1 - sure, sure], axis=1))
+    names, truth = np.asarray(environments), came_true.astype(np.intp)
     better = np.zeros(told.size)
     for name in np.unique(names):
         here = names == name
-        better[here] = expit(basis[here] @ _slope_and_offset(basis[~here], came_true[~here]))
+        law = fit_recalibration(logarithms[~here], truth[~here], _YES)
+        better[here] = applied(law, logarithms[here], _YES)[:, 1]
     return better
-
-
-def _slope_and_offset(basis: Float, came_true: npt.NDArray[np.bool_]) -> Float:
-    """Logistic regression by Newton's method, drawn a little towards slope 1 and offset 0."""
-    as_told = np.array([1.0, 0.0])
-    law = as_told
-    for _ in range(_ROUNDS):
-        p = expit(basis @ law)
-        slope = basis.T @ (came_true - p) - _DOUBT * (law - as_told)
-        curvature = (basis * (p * (1 - p))[:, None]).T @ basis + _DOUBT * np.eye(2)
-        law = law + np.linalg.solve(curvature, slope)
-    return law
 
 
 def reliability(

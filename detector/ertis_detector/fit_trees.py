@@ -11,8 +11,8 @@ from ertis_detector.trees import MAX_LEAVES, Trees
 
 Float32 = npt.NDArray[np.float32]
 
-NUM_ROUNDS = 110
-_LEARNING_RATE, _LEAVES, _MIN_LEAF, _L2 = 0.12, 24, 20, 1.0
+NUM_ROUNDS = 150
+_LEARNING_RATE, _LEAVES, _MIN_LEAF, _L2 = 0.09, 32, 20, 1.0
 _SAMPLE = 200  # rows on which both ways of applying trees are compared
 _GAP = 1e-2  # of scores
 _UNLIKELY = -20.0  # a logarithm of a probability; under it rounding counts

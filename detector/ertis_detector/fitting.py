@@ -11,24 +11,45 @@ import numpy.typing as npt
 from ertis_detector.classifier import Classifier, both_votes, couple, evidence
 from ertis_detector.fit_trees import fit_trees
 from ertis_detector.networks import FEATURE_CAP, Committee
+from ertis_detector.trees import Trees
 
 Float32 = npt.NDArray[np.float32]
 Strings = npt.NDArray[np.str_]
+Rows = npt.NDArray[np.intp]
 
 NUM_NETWORKS = 4
 NUM_FOLDS, _LEAST_FOLDS = 5, 3
 HIDDEN = (128, 64)
 _EPOCHS, _BATCH, _STEP, _WEIGHT_DECAY = 25, 256, 1e-3, 0.3
 _LEAST_SCALE = 1e-3
+_BLOCK = 1000  # rows; trees take 0.3 MB for each
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Echoes:
+    """Candidates with their labels.
+
+    features : float32, shape (n, num_features)
+    labels, groups : n strings each
+        Rows of one group (one scene) hear the same clutter: they never stand on both sides of a
+        fold.
+    weights : shape (n,), or None
+        How often each row is met where probabilities must come true; None for as often as here.
+    """
+
+    features: Float32
+    labels: Sequence[str]
+    groups: Sequence[str]
+    weights: npt.NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A classifier and what cross-validation says of it.
+    """A classifier and what it is worth on scenes left out.
 
     probabilities : float32, shape (n, num_classes)
-        For each row, from networks that saw none of its group, and a law of probabilities fitted
-        without it.
+        For each row of the fresh echoes, or of all if there are none: from networks and trees that
+        met none of its group, and a law of probabilities fitted without it.
     """
 
     classifier: Classifier
@@ -36,32 +57,28 @@ class Fit:
 
 
 def fit(
-    features: Float32,
-    labels: Sequence[str],
-    groups: Sequence[str],
+    taught: Echoes,
+    fresh: Echoes | None = None,
     *,
     teaches: npt.NDArray[np.bool_] | None = None,
-    weights: npt.NDArray[np.float64] | None = None,
     num_networks: int = NUM_NETWORKS,
     num_folds: int = NUM_FOLDS,
     workers: int = 1,
 ) -> Fit:
-    """Fit on all rows that teach; make probabilities by what each fold of unseen groups says.
+    """Fit networks and trees to all rows that teach; make probabilities by what they say elsewhere.
 
     Parameters
     ----------
-    features : float32, shape (n, num_features)
-    labels, groups : n strings each
-        Rows of one group (one scene) never stand on both sides of a fold.
-    teaches : bool, shape (n,), or None
+    taught : Echoes
+    fresh : Echoes or None
+        What the law of probabilities is fitted to, of groups that networks and trees have not met.
+        None: what each fold of the taught says, with networks and trees of the others. Those have
+        met a part (1 - 1 / num_folds) of the rows only, so that the law is a little too cautious.
+    teaches : bool, one a taught row, or None
         Rows that networks and trees learn from; None for all. The law of probabilities is of all
         rows: it is asked of each echo, clear or not.
-    weights : shape (n,), or None
-        How often each row is met where probabilities must come true; None for as often as here.
     num_networks, num_folds : int
         Of folds no more than there are groups.
-        Votes that the law is fitted to come of a part (1 - 1 / num_folds) of the rows, those that
-        it is applied to of all: with few folds it is too cautious.
     workers : int
         Processes; the result does not depend on it.
 
@@ -70,44 +87,77 @@ def fit(
     ValueError
         With fewer than two classes, fewer than three groups, or a class that only one fold has.
     """
-    from joblib import Parallel, delayed
-    from sklearn.model_selection import GroupKFold
-
-    label_array = np.asarray(labels)
-    teaching = np.ones(len(label_array), bool) if teaches is None else teaches
-    weight = np.ones(len(label_array)) if weights is None else weights
-    classes = tuple(str(name) for name in np.unique(label_array[teaching]))
+    labels = np.asarray(taught.labels)
+    teaching = np.ones(len(labels), bool) if teaches is None else teaches
+    classes = tuple(str(name) for name in np.unique(labels[teaching]))
     if len(classes) < 2:
         raise ValueError(f"only {classes} among the labels: nothing to tell apart")
-    num_folds = max(min(num_folds, len(set(groups))), _LEAST_FOLDS)
-    folds = list(GroupKFold(num_folds).split(features, groups=groups))
-    taught = [known[teaching[known]] for known, _ in folds] + [np.flatnonzero(teaching)]
-    for known in taught:
-        if len(np.unique(label_array[known])) < len(classes):
-            raise ValueError(f"too few groups with each of {classes}: record more")
-    networks = Parallel(n_jobs=workers)(
-        delayed(_network)(features[known], label_array[known], seed)
-        for known in taught
+    judged = taught if fresh is None else fresh
+    folds = _folds(judged, num_folds)
+    known = [known[teaching[known]] for known, _ in folds] if fresh is None else []
+    known.append(np.flatnonzero(teaching))
+    for rows in known:
+        _check(labels[rows], classes)
+    voters = _learn(taught.features, labels, known, num_networks, workers)
+    asked = [unseen for _, unseen in folds] if fresh is None else [np.arange(len(fresh.labels))]
+    votes = np.zeros((len(judged.labels), 2 * len(classes)), np.float32)
+    for unseen, voter in zip(asked, voters, strict=False):
+        for some in np.array_split(unseen, len(unseen) // _BLOCK + 1):
+            votes[some] = both_votes(*voter, judged.features[some])
+    law, probabilities = _law(votes, judged, classes, folds)
+    return Fit(Classifier(classes, *voters[-1], *law), probabilities)
+
+
+def _folds(echoes: Echoes, num_folds: int) -> list[tuple[Rows, Rows]]:
+    """Rows of all other folds, and of each."""
+    from sklearn.model_selection import GroupKFold
+
+    num_folds = max(min(num_folds, len(set(echoes.groups))), _LEAST_FOLDS)
+    return list(GroupKFold(num_folds).split(echoes.features, groups=echoes.groups))
+
+
+def _check(labels: Strings, classes: Sequence[str]) -> None:
+    if len(np.unique(labels)) < len(classes):
+        raise ValueError(f"too few groups with each of {tuple(classes)}: record more")
+
+
+def _learn(
+    features: Float32, labels: Strings, known: Sequence[Rows], num_networks: int, workers: int
+) -> list[tuple[Committee, Trees]]:
+    """Networks and trees of each of some choices of rows."""
+    from joblib import Parallel, delayed
+
+    tasks = [delayed(fit_trees)(features[rows], labels[rows]) for rows in known]  # the longest
+    tasks += [
+        delayed(_network)(features[rows], labels[rows], seed)
+        for rows in known
         for seed in range(num_networks)
-    )
-    forests = Parallel(n_jobs=workers)(
-        delayed(fit_trees)(features[known], label_array[known]) for known in taught
-    )
-    committees = [
-        _committee(features[known], networks[i * num_networks : (i + 1) * num_networks])
-        for i, known in enumerate(taught)
     ]
-    votes = np.zeros((len(features), 2 * len(classes)), np.float32)
-    for (_, unseen), committee, trees in zip(folds, committees, forests, strict=False):
-        votes[unseen] = both_votes(committee, trees, features[unseen])
-    probabilities = np.zeros((len(features), len(classes)), np.float32)
-    named = np.isin(label_array, classes)
+    made = Parallel(n_jobs=workers)(tasks)
+    forests, networks = made[: len(known)], made[len(known) :]
+    return [
+        (_committee(features[rows], networks[i * num_networks : (i + 1) * num_networks]), trees)
+        for i, (rows, trees) in enumerate(zip(known, forests, strict=True))
+    ]
+
+
+def _law(
+    votes: Float32, echoes: Echoes, classes: tuple[str, ...], folds: Sequence[tuple[Rows, Rows]]
+) -> tuple[tuple[Float32, Float32], Float32]:
+    """Coupling and offset by all rows, and each row's probabilities by the folds it is not of."""
+    labels = np.asarray(echoes.labels)
+    weights = np.ones(len(labels)) if echoes.weights is None else echoes.weights
+    named = np.isin(labels, classes)
+
+    def fitted(rows: Rows) -> tuple[Float32, Float32]:
+        told = rows[named[rows]]
+        _check(labels[told], classes)
+        return _coupling(votes[told], labels[told], weights[told])
+
+    probabilities = np.zeros((len(labels), len(classes)), np.float32)
     for known, unseen in folds:
-        told = known[named[known]]
-        law = _coupling(votes[told], label_array[told], weight[told])
-        probabilities[unseen] = couple(votes[unseen], *law)
-    law = _coupling(votes[named], label_array[named], weight[named])
-    return Fit(Classifier(classes, committees[-1], forests[-1], *law), probabilities)
+        probabilities[unseen] = couple(votes[unseen], *fitted(known))
+    return fitted(np.arange(len(labels))), probabilities
 
 
 def _standard(features: Float32) -> tuple[Float32, Float32]:

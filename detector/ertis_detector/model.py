@@ -60,7 +60,7 @@ class ModelCard:
     in_sight : float
         Part of pings with a landmark in sight where probabilities come true.
     figures, tracking : mapping
-        What its cross-validation gave at ``min_probability``, and at ``TRACKING_PROBABILITY``.
+        What scenes left out gave at ``min_probability``, and at ``TRACKING_PROBABILITY``.
     """
 
     name: str

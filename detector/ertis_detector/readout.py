@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from ertis_detector.detection import radius_m
 from ertis_detector.features import COHERENCE
+from ertis_detector.place import GATE
 
 Float32 = npt.NDArray[np.float32]
 Float = npt.NDArray[np.float64]
@@ -32,7 +33,6 @@ _MAX_TILT_RAD = np.deg2rad(60.0)
 _RIDGE = 100.0
 _BLOCKS = 5  # of neighbouring echoes, as those of one scene are not independent
 _ROUNDS = 12  # of reweighting; the law has settled by then
-_GATE = 16.3  # of squared sigmas: 99.9 % of errors in three dimensions, all but 5e-5 in one
 # R / range between which variances go straight; densest around the nulls.
 _SEEN = np.array([0.0, 0.03, 0.045, 0.06, 0.075, 0.09, 0.11, 0.13])
 _CENTRE_OFFSET = np.sqrt(2) * SPHERE_RADIUS  # from the ring's range to that of the sphere's centre
@@ -203,7 +203,7 @@ def _variance_law(basis: Float, squares: Float, floor: float) -> Float:
     told = np.full(len(squares), squares.mean())
     for _ in range(_ROUNDS):
         weight = 1 / np.maximum(told, floor)
-        weight[squares * weight > _GATE] = 0.0
+        weight[squares * weight > GATE] = 0.0
         law, _ = nnls(basis * weight[:, None], squares * weight)
         told = basis @ law
     return np.asarray(law)

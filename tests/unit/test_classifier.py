@@ -4,7 +4,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from ertis_detector.classifier import both_votes, couple
 from ertis_detector.fit_trees import fit_trees
-from ertis_detector.fitting import fit
+from ertis_detector.fitting import Echoes, fit
 from ertis_detector.networks import Committee, softmax
 from ertis_detector.trees import Trees
 
@@ -21,8 +21,9 @@ def clouds(seed, count=240, spread=1.0, num_features=20):
     return features.astype(np.float32), [CLASSES[i] for i in index], groups
 
 
-def fitted_to(features, labels, groups, **options):
-    return fit(features, list(labels), list(groups), num_networks=1, num_folds=3, **options)
+def fitted_to(features, labels, groups, weights=None, **options):
+    echoes = Echoes(features, list(labels), list(groups), weights)
+    return fit(echoes, num_networks=1, num_folds=3, **options)
 
 
 def unseen(features, labels, groups):
@@ -43,8 +44,8 @@ def test_numpy_applies_trees_as_scikit_learn_does():
     trees = fit_trees(features, np.array(labels), num_rounds=20)
     theirs = HistGradientBoostingClassifier(
         max_iter=20,
-        learning_rate=0.12,
-        max_leaf_nodes=24,
+        learning_rate=0.09,
+        max_leaf_nodes=32,
         l2_regularization=1.0,
         early_stopping=False,
         random_state=0,
@@ -185,7 +186,7 @@ def test_what_does_not_teach_is_not_learnt_but_its_probabilities_are_told():
     features, labels, groups = clouds(10, 600)
     told = np.array(labels)
     teaches = told != "r58"
-    made = fit(features, labels, groups, teaches=teaches, num_networks=1, num_folds=3)
+    made = fitted_to(features, labels, groups, teaches=teaches)
     assert made.classifier.classes == ("none", "r35", "r48")
     assert made.probabilities.shape == (600, 3)
     np.testing.assert_allclose(made.probabilities[~teaches].sum(axis=1), 1.0, atol=1e-5)
@@ -196,10 +197,36 @@ def test_probabilities_come_true_where_landmarks_are_as_rare_as_the_weights_say(
     features, labels, groups = clouds(11, 1500, spread=2.5)
     is_clutter = np.array(labels) == "none"
     weights = np.where(is_clutter, 24.0, 1.0)
-    made = fit(features, labels, groups, weights=weights, num_networks=1, num_folds=3)
+    made = fitted_to(features, labels, groups, weights)
     fresh, truth, _ = clouds(12, 6000, spread=2.5)
     there = np.where(np.array(truth) == "none", 24.0, 1.0)
     said = made.classifier.probabilities(fresh)[:, 1:].sum(axis=1)
     assert np.average(said, weights=there) == pytest.approx(3 / 27, abs=0.03)
-    unweighted = fit(features, labels, groups, num_networks=1, num_folds=3)
+    unweighted = fitted_to(features, labels, groups)
     assert unweighted.classifier.probabilities(fresh)[:, 1:].sum(axis=1).mean() > 0.6
+
+
+def test_fresh_echoes_calibrate_and_are_judged_but_teach_nothing():
+    """Networks and trees are those of all taught rows; the law is fitted to the fresh ones."""
+    features, labels, groups = clouds(15, 400, spread=2.2)
+    fresh = Echoes(*clouds(16, 600, spread=2.2))
+    alone = fitted_to(features, labels, groups)
+    made = fitted_to(features, labels, groups, fresh=fresh)
+    unseen, truth, _ = clouds(17, 4000, spread=2.2)
+    np.testing.assert_array_equal(made.classifier.votes(unseen), alone.classifier.votes(unseen))
+    assert made.probabilities.shape == (600, 4)
+    rows = made.classifier.probabilities(unseen)
+    right = np.array(made.classifier.predict(unseen)) == truth
+    assert rows.max(axis=1).mean() == pytest.approx(right.mean(), abs=0.03)
+    judged = made.probabilities[np.arange(600), [CLASSES.index(one) for one in fresh.labels]]
+    own = made.classifier.probabilities(fresh.features)
+    own = own[np.arange(600), [CLASSES.index(one) for one in fresh.labels]]
+    assert np.log(judged).mean() < np.log(own).mean()  # by laws that have not met them
+
+
+def test_fresh_echoes_without_one_of_the_classes_are_refused():
+    features, labels, groups = clouds(18, 400, spread=0.3)
+    kept = np.array(labels) != "r58"
+    few = Echoes(*(np.array(one)[kept] for one in (features, labels, groups)))
+    with pytest.raises(ValueError, match="too few groups"):
+        fitted_to(features, labels, groups, fresh=few)

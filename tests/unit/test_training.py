@@ -12,7 +12,7 @@ from ertis_daemon.cli import main
 from ertis_daemon.pipeline import build_detector
 from ertis_detector.air import Air
 from ertis_detector.detection import NONE
-from ertis_detector.model import load_model
+from ertis_detector.model import load_model, shipped_model
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
 from ertis_driver.dataset import open_dataset
@@ -67,6 +67,17 @@ def recording(heard, tmp_path_factory):
     with RecordingWriter(path, RecordingInfo("sim", DEFAULT_CHIRP, NUM_WORDS)) as writer:
         for number, (_, words, truth) in enumerate(heard):
             writer.write(PdmFrame(words, number, 0), truth)
+    return path
+
+
+@pytest.fixture(scope="module")
+def here(heard, tmp_path_factory):
+    """The same rooms, four times: what somebody recorded and labelled to calibrate with."""
+    path = tmp_path_factory.mktemp("here") / "here.mcap"
+    with RecordingWriter(path, RecordingInfo("live", DEFAULT_CHIRP, NUM_WORDS)) as writer:
+        for number in range(4 * 52):
+            _, words, truth = heard[number % 52]
+            writer.write(PdmFrame(words, number, 0), {**truth, "scene": f"here {number % 52}"})
     return path
 
 
@@ -146,8 +157,60 @@ def test_neither_workers_nor_another_go_change_the_model(recording, taught, tmp_
     assert again.read_bytes() == taught[1].read_bytes()
 
 
-def refusal(capsys, *args):
-    assert main(["train", *args]) == 1
+def test_other_recordings_say_how_sure_to_be(heard, recording, taught, tmp_path):
+    """What is learnt is of the first ones, whatever the others hold."""
+    other = tmp_path / "other.mcap"
+    with RecordingWriter(other, RecordingInfo("sim", DEFAULT_CHIRP, NUM_WORDS)) as writer:
+        for number, (_, words, truth) in enumerate(heard[8:]):
+            writer.write(PdmFrame(words, number, 0), {**truth, "scene": f"other {number}"})
+    path = tmp_path / "m.safetensors"
+    said = train(recording, path, "--calibrate", str(other))
+    model, alone = load_model(path), load_model(taught[1])
+    rows = np.random.default_rng(1).normal(0, 1, (50, len(model.readout.mean))).astype(np.float32)
+    np.testing.assert_array_equal(model.classifier.votes(rows), alone.classifier.votes(rows))
+    assert not np.array_equal(model.classifier.coupling, alone.classifier.coupling)
+    of_all, of_others = model.card.data.split("; calibrated on ")
+    assert of_all == alone.card.data
+    assert of_others.startswith("56 pings: recording sha256 ")
+    assert said["landmark_proposals"] < taught[0]["landmark_proposals"]
+
+
+def test_a_model_calibrated_here_votes_the_same_and_is_as_sure_as_it_may_be(
+    here, taught, tmp_path, capsys
+):
+    path = tmp_path / "here.safetensors"
+    assert main(["calibrate", str(here), "-o", str(path), "--model", str(taught[1])]) == 0
+    said = json.loads(capsys.readouterr().out)
+    before, after = load_model(taught[1]), load_model(path)
+    np.testing.assert_array_equal(after.classifier.trees.leaves, before.classifier.trees.leaves)
+    slope = after.classifier.coupling / before.classifier.coupling
+    np.testing.assert_allclose(slope, said["slope"], atol=1e-3)
+    assert said["slope"] > 1.05, "it learnt these very pings: nothing is surer"
+    assert after.card.min_probability == said["min_probability"]
+    errors = said["expected_calibration_error"], said["expected_calibration_error_elsewhere"]
+    assert errors[1] < errors[0]
+    assert after.card.name == f"{before.card.name}-calibrated"
+    assert (before.card.source, after.card.source) == ("sim", "live+sim")
+    assert after.card.data.startswith(f"{before.card.data}; recalibrated on 208 pings: recording ")
+    assert after.card.tracking["false_alarms_per_ping"] >= round(3 / 208, 5)
+
+
+def test_what_is_too_little_or_strange_to_calibrate_with_is_said(
+    here, recording, taught, tmp_path, capsys
+):
+    where = ("-o", str(tmp_path / "m"), "--model", str(taught[1]))
+    line = refusal(capsys, str(recording), *where, command="calibrate")
+    assert line.startswith("ertis: 64 pings with ")
+    assert "expected 200 pings and 20 of each or more: record more" in line
+    line = refusal(capsys, str(here), *where[:2], command="calibrate")
+    assert "labels r40, r66: the model knows none, r35, r48, r58, r70, unknown" in line
+    other = ("--model", str(shipped_model(INCUMBENT_CHIRP.name)))
+    line = refusal(capsys, str(here), *where[:2], *other, command="calibrate")
+    assert f"was trained for chirp {INCUMBENT_CHIRP.name}" in line
+
+
+def refusal(capsys, *args, command="train"):
+    assert main([command, *args]) == 1
     [line] = capsys.readouterr().err.splitlines()
     return line
 
@@ -172,9 +235,17 @@ def test_a_model_that_cannot_be_written_is_said_before_the_work(tmp_path, capsys
     assert "--workers 0, expected 1 at least" in line
 
 
-def test_two_chirps_make_no_model(recording, tmp_path, capsys):
+def test_nothing_is_calibrated_on_what_was_learnt(recording, tmp_path, capsys):
+    both = str(recording)
+    line = refusal(capsys, both, "--calibrate", both, "-o", str(tmp_path / "m"))
+    assert "scenes or sessions are there to learn from and to be calibrated on" in line
+    assert "expected others" in line
+
+
+@pytest.mark.parametrize("as_what", [(), ("--calibrate",)])
+def test_two_chirps_make_no_model(recording, tmp_path, capsys, as_what):
     other = blind(tmp_path / "other.mcap", INCUMBENT_CHIRP)
-    line = refusal(capsys, str(recording), other, "-o", str(tmp_path / "m"))
+    line = refusal(capsys, str(recording), *as_what, other, "-o", str(tmp_path / "m"))
     assert DEFAULT_CHIRP.name in line
     assert INCUMBENT_CHIRP.name in line
 

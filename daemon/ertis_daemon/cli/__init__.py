@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "export": ("ertis_daemon.cli.export", "landmarks to print, and files for other programs"),
     "validate": ("ertis_daemon.cli.validate", "hold the simulator against physics and a real ping"),
     "train": ("ertis_daemon.cli.train", "make a model from recordings with truth"),
+    "calibrate": ("ertis_daemon.cli.calibrate", "make a model's probabilities come true here"),
     "evaluate": ("ertis_daemon.cli.evaluate", "say how good a detector or a method is on data"),
     "doctor": ("ertis_daemon.cli.doctor", "say what works here, what is missing, and what to do"),
     "completion": ("ertis_daemon.cli.completion", "print what makes a shell complete words"),

@@ -17,6 +17,7 @@ EXAMPLES: dict[str, str] = {
     "simulate": "ertis simulate --dataset sonar-data --seed 1 -n 70",
     "validate": "ertis validate",
     "train": "ertis train training.mcap -o model.safetensors",
+    "calibrate": "ertis calibrate sonar-data -o here.safetensors",
     "dataset": "ertis dataset check sonar-data",
     "demo": "ertis demo --seconds 10",
 }

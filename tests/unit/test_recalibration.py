@@ -1,0 +1,67 @@
+"""Slope and offset that make told probabilities come true."""
+
+import numpy as np
+import pytest
+from scipy.special import log_softmax
+
+from ertis_detector.model import load_model, shipped_model
+from ertis_detector.recalibration import (
+    Recalibration,
+    applied,
+    fit_recalibration,
+    is_landmark,
+)
+from ertis_driver.chirp import DEFAULT_CHIRP
+
+CLASSES = ("none", "r35", "r48", "unknown")
+LANDMARK = is_landmark(CLASSES)
+
+
+def told_and_true(law, count=40_000, seed=1):
+    """Logarithms as told, and truths drawn as the law says."""
+    rng = np.random.default_rng(seed)
+    logarithms = log_softmax(rng.normal(0, 2.0, (count, len(CLASSES))), axis=1)
+    p = applied(law, logarithms, LANDMARK)
+    truth = (p.cumsum(axis=1) < rng.random(count)[:, None]).sum(axis=1)
+    return logarithms, np.minimum(truth, len(CLASSES) - 1)
+
+
+def test_landmarks_are_all_but_none_and_unknown():
+    assert LANDMARK.tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize("law", [Recalibration(1.5, -0.7), Recalibration(0.6, 0.4)])
+def test_the_law_that_made_truths_is_found_again(law):
+    found = fit_recalibration(*told_and_true(law), LANDMARK)
+    assert found.slope == pytest.approx(law.slope, rel=0.04)
+    assert found.offset == pytest.approx(law.offset, abs=0.06)
+
+
+def test_without_echoes_all_is_left_as_it_is():
+    empty = np.zeros((0, len(CLASSES)))
+    assert fit_recalibration(empty, np.zeros(0, np.intp), LANDMARK) == Recalibration(1.0, 0.0)
+
+
+def test_weights_say_how_often_each_is_met():
+    logarithms, truth = told_and_true(Recalibration())
+    weights = np.where(LANDMARK[truth], 1.0, np.exp(1.0))
+    found = fit_recalibration(logarithms, truth, LANDMARK, weights)
+    assert found.offset == pytest.approx(-1.0, abs=0.06)
+    assert found.slope == pytest.approx(1.0, rel=0.04)
+
+
+def test_a_classifier_tells_what_the_law_makes_of_it():
+    classifier = load_model(shipped_model(DEFAULT_CHIRP.name)).classifier
+    features = np.random.default_rng(2).normal(0, 1, (40, 138)).astype(np.float32)
+    law = Recalibration(1.3, -0.5)
+    before = classifier.probabilities(features).astype(np.float64)
+    after = law.of(classifier).probabilities(features)
+    expected = applied(law, np.log(before), is_landmark(classifier.classes))
+    np.testing.assert_allclose(after, expected, atol=2e-5)
+
+
+def test_a_threshold_moves_as_probabilities_do():
+    law = Recalibration(1.5, -0.7)
+    logarithms = np.log([[0.16, 0.84]])
+    moved = applied(law, logarithms, np.array([False, True]))[0, 1]
+    assert law.threshold(0.84) == pytest.approx(moved)
