@@ -103,7 +103,7 @@ def calibrate(
     before, elsewhere = _errors(rows, model, logarithms, truth, weights)
     probabilities = applied(law, logarithms, is_landmark(model.classes)).astype(np.float32)
     reports = Reports(model.classes, probabilities, rows, weights)
-    card = _card(model.card, law, reports, source, f"{name_of(rows, paths)}", in_sight)
+    card = _card(model.card, law, reports, source, name_of(rows, paths), in_sight)
     made = replace(model, classifier=law.of(model.classifier), card=card)
     return Calibrated(made, law, before, elsewhere)
 
