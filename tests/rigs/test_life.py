@@ -13,7 +13,7 @@ from ertis_daemon.serving.life import SonarLife
 from ertis_driver.emulator import Emulator
 from ertis_driver.firmware import FirmwareState
 
-FIRST_S, LAST_S = 0.2, 0.8
+FIRST_S, LAST_S = 0.2, 1.6  # far enough apart for a busy machine
 
 
 class Moody(FirmwareState):
@@ -108,7 +108,7 @@ def test_a_sonar_that_comes_back_has_not_been_in_trouble(plug, live):
     sonar = plug()
     sonar.state.restart(bad_tries=9)
     life = live("num_words: 65536\n", backoff=Backoff(FIRST_S, LAST_S))
-    wait_for(lambda: len(sonar.state.pauses_s) == 2)
+    wait_for(lambda: len(sonar.state.pauses_s) == 3)
     sonar.close()
     wait_for(lambda: life.status.state == "waiting")
     back = plug().state
