@@ -1,9 +1,13 @@
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+# As the command does, before numpy comes: with more, sums are rounded otherwise in each process.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Nothing is timed: that a machine is busy is no defect.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -6,8 +6,8 @@ import pytest
 
 from ertis_daemon.cli import COMMANDS, main
 
-# A script for a shell; a command that says nothing else.
-WITHOUT = {"completion", "train"}
+# A script for a shell; commands that say nothing else.
+WITHOUT = {"completion", "train", "calibrate"}
 PARTS = {"dataset": ("record", "check", "relabel", "stats"), "export": ("landmark",)}
 CALLS = [
     (name, *part)
