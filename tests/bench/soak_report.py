@@ -37,7 +37,7 @@ def summarize(about: dict, samples: list[dict]) -> str:
         ROW.format("trigger to reader, ms", percentiles(trigger), ""),
         ROW.format(
             f"last byte to reader within {LATENCY_MS:g} ms",
-            f"{100 * np.mean(reader <= LATENCY_MS):.2f} %",
+            f"{100 * np.mean(reader <= LATENCY_MS):.2f} %" if len(reader) else "none",
             "",
         ),
         ROW.format(
