@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ertis_daemon.report.detector_data import FLOOR
 from ertis_daemon.training import first_chirp, name_of
 from ertis_daemon.training_reports import Reports, weights_of
 from ertis_daemon.training_rows import TrainingRows, read_rows
 from ertis_detector.calibration import reliability
-from ertis_detector.detection import NONE, UNKNOWN
+from ertis_detector.detection import is_landmark, landmark_mask
+from ertis_detector.fitting import LEAST_FOLDS, folds
 from ertis_detector.model import (
     TRACKING_PROBABILITY,
     Model,
@@ -25,18 +27,13 @@ from ertis_detector.recalibration import (
     Recalibration,
     applied,
     fit_recalibration,
-    is_landmark,
 )
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.errors import RecordingError
 
 _LEAST_PINGS, _LEAST_EACH = 200, 20
-_LEAST_GROUPS = 3
-_NUM_FOLDS = 5
-_LEAST_TOLD = 0.05  # less sure landmarks are none of the calibration error's business
 _LEAST_PROBABILITY = 1e-9
 _RULE_OF_THREE = 3.0  # events that none having been seen may still hide (Poisson, 95 %)
-_BLOCK = 1000  # rows; trees take 0.3 MB for each
 
 Float = npt.NDArray[np.float64]
 
@@ -94,14 +91,14 @@ def calibrate(
     weights, in_sight = weights_of(rows)
     logarithms = _logarithms(model, rows)
     truth = np.array([model.classes.index(label) for label in rows.labels])
-    law = fit_recalibration(logarithms, truth, is_landmark(model.classes), weights)
+    law = fit_recalibration(logarithms, truth, landmark_mask(model.classes), weights)
     if law.slope <= 0:
         raise RecordingError(
             f"the surer the model is here, the less it is right (slope {law.slope:.2f}): look at "
             "the labels' range_m and azimuth_deg, or train a model of your own"
         )
     before, elsewhere = _errors(rows, model, logarithms, truth, weights)
-    probabilities = applied(law, logarithms, is_landmark(model.classes)).astype(np.float32)
+    probabilities = applied(law, logarithms, landmark_mask(model.classes)).astype(np.float32)
     reports = Reports(model.classes, probabilities, rows, weights)
     card = _card(model.card, law, reports, source, name_of(rows, paths), in_sight)
     made = replace(model, classifier=law.of(model.classifier), card=card)
@@ -115,23 +112,22 @@ def _check(rows: TrainingRows, model: Model) -> None:
             f"labels {', '.join(strange)}: the model knows {', '.join(model.classes)}; train one "
             "of your own with 'ertis train'"
         )
-    landmarks = sum(label not in (NONE, UNKNOWN) for label in rows.labels)
+    landmarks = sum(is_landmark(label) for label in rows.labels)
     others = len(rows.labels) - landmarks
     if rows.pings < _LEAST_PINGS or min(landmarks, others) < _LEAST_EACH:
         raise RecordingError(
             f"{rows.pings} pings with {landmarks} echoes of landmarks and {others} of other "
             f"things, expected {_LEAST_PINGS} pings and {_LEAST_EACH} of each or more: record more"
         )
-    if len(set(rows.groups)) < _LEAST_GROUPS:
+    if len(set(rows.groups)) < LEAST_FOLDS:
         raise RecordingError(
-            f"{len(set(rows.groups))} scenes or sessions, expected {_LEAST_GROUPS} or more: what "
+            f"{len(set(rows.groups))} scenes or sessions, expected {LEAST_FOLDS} or more: what "
             "one is worth shows in another"
         )
 
 
 def _logarithms(model: Model, rows: TrainingRows) -> Float:
-    blocks = np.array_split(rows.features, len(rows.features) // _BLOCK + 1)
-    told = np.concatenate([model.classifier.probabilities(some) for some in blocks])
+    told = model.classifier.probabilities(rows.features)
     return np.asarray(np.log(np.maximum(told.astype(np.float64), _LEAST_PROBABILITY)))
 
 
@@ -143,19 +139,16 @@ def _errors(
     weights: Float,
 ) -> tuple[float, float]:
     """Expected calibration error as told, and by laws of other scenes or sessions."""
-    from sklearn.model_selection import GroupKFold
-
-    landmark = is_landmark(model.classes)
+    landmark = landmark_mask(model.classes)
     better = np.zeros_like(logarithms)
-    folds = GroupKFold(min(_NUM_FOLDS, len(set(rows.groups))))
-    for known, unseen in folds.split(logarithms, groups=rows.groups):
+    for known, unseen in folds(rows.groups):
         law = fit_recalibration(logarithms[known], truth[known], landmark, weights[known])
         better[unseen] = applied(law, logarithms[unseen], landmark)
 
     def error(probabilities: Float) -> float:
         sizes = np.where(landmark, probabilities, 0.0)
         said, best = sizes.max(axis=1), sizes.argmax(axis=1)
-        told = said >= _LEAST_TOLD
+        told = said >= FLOOR
         groups = [group for group, yes in zip(rows.groups, told, strict=True) if yes]
         return reliability(said[told], (best == truth)[told], groups).expected_error
 

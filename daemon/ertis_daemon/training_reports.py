@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ertis_daemon.training_rows import TrainingRows
-from ertis_detector.detection import NONE, UNKNOWN
-from ertis_detector.recalibration import is_landmark
+from ertis_detector.detection import NONE, UNKNOWN, landmark_mask
 
 # A wrong landmark is worse than none: of clutter, one false detection a minute at 7 pings a second;
 # of bowls and lampshades in view, one in fifty.
@@ -39,7 +38,7 @@ class Reports:
         rows: TrainingRows,
         weights: npt.NDArray[np.float64],
     ) -> None:
-        landmark = is_landmark(classes)
+        landmark = landmark_mask(classes)
         chosen = probabilities[:, landmark]
         self.probability: npt.NDArray[np.float32] = chosen.sum(axis=1)
         truth = np.asarray(rows.labels)

@@ -16,7 +16,7 @@ from ertis_daemon.labelled import recorded_truth
 from ertis_daemon.pipeline import build_scanner, rounded
 from ertis_daemon.workers import Workers
 from ertis_detector.air import Air
-from ertis_detector.detection import NONE, UNKNOWN, radius_m
+from ertis_detector.detection import NONE, is_landmark, radius_m
 from ertis_detector.features import NUM_FEATURES
 from ertis_detector.labelling import match_candidates
 from ertis_driver.audio import PdmDecoder, whole_samples
@@ -221,7 +221,7 @@ def _in_sight(truth: dict[str, Any]) -> bool:
 
 
 def _where(label: str | None, item: Any) -> tuple[float, float, float, float]:
-    if item is None or label in (None, NONE, UNKNOWN):
+    if item is None or label is None or not is_landmark(label):
         return (math.nan,) * 4
     tilt = item.get("tilt_rad", math.nan)
     return (item["range_m"], item["azimuth_rad"], item["elevation_rad"], tilt)

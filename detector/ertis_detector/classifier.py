@@ -11,6 +11,7 @@ from ertis_detector.networks import Committee, softmax
 from ertis_detector.trees import Trees
 
 Float32 = npt.NDArray[np.float32]
+_BLOCK = 1000  # rows; trees take 0.3 MB for each
 _LEAST_VOTE = 1e-4  # smaller ones were never put to the test
 
 
@@ -49,6 +50,9 @@ class Classifier:
 
 def both_votes(committee: Committee, trees: Trees, features: Float32) -> Float32:
     """Probabilities by the networks, then by the trees; shape (n, 2 * num_classes)."""
+    if len(features) > _BLOCK:
+        blocks = np.array_split(features, len(features) // _BLOCK + 1)
+        return np.concatenate([both_votes(committee, trees, some) for some in blocks])
     return np.concatenate([committee.votes(features), trees.votes(features)], axis=1)
 
 

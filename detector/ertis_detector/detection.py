@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 NONE, UNKNOWN = "none", "unknown"
+
+
+def is_landmark(label: str) -> bool:
+    """Whether a label is a size."""
+    return label not in (NONE, UNKNOWN)
+
+
+def landmark_mask(classes: Sequence[str]) -> npt.NDArray[np.bool_]:
+    """Which classes are sizes, shape (num_classes,)."""
+    return np.array([is_landmark(label) for label in classes])
 
 
 def radius_m(label: str) -> float | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ertis_detector.detection import NONE, UNKNOWN, Detection
+from ertis_detector.detection import UNKNOWN, Detection, landmark_mask
 from ertis_detector.imaging import Complex, Energyscape
 from ertis_detector.model import Model
 from ertis_detector.scanner import Candidate, Scanner
@@ -79,7 +79,7 @@ class LandmarkDetector:
         features = self.scanner.features(scan.baseband, scan.candidates)
         rows = self.model.classifier.probabilities(features)
         classes = self.model.classes
-        sizes = [i for i, name in enumerate(classes) if name not in (NONE, UNKNOWN)]
+        sizes = np.flatnonzero(landmark_mask(classes))
         told = np.flatnonzero(rows[:, sizes].sum(axis=1) >= self.min_probability)
         if not told.size:
             return []

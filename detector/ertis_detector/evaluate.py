@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ertis_detector.accuracy import PlaceErrors, place_errors
 from ertis_detector.calibration import Reliability, recalibrated, reliability
-from ertis_detector.detection import NONE, UNKNOWN, Detection
+from ertis_detector.detection import Detection, is_landmark
 from ertis_detector.errors import EvaluationError
 from ertis_detector.intervals import Interval, cluster_bootstrap, garwood, wilson
 from ertis_detector.matching import JudgedPing, Matches, TrueLandmark, match
@@ -140,7 +140,7 @@ _EDGES: Mapping[str, tuple[Callable[[TrueLandmark], float], Sequence[float]]] = 
 
 def landmark_probability(told: Detection) -> float:
     """That it is a landmark of any size: what the reporting threshold is held against."""
-    return sum(p for name, p in told.probabilities.items() if name not in (NONE, UNKNOWN))
+    return sum(p for name, p in told.probabilities.items() if is_landmark(name))
 
 
 def evaluate(

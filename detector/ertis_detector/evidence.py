@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ertis_detector.detection import NONE, UNKNOWN
+from ertis_detector.detection import NONE, UNKNOWN, landmark_mask
 from ertis_detector.motion import Float
 from ertis_detector.rates import DetectorRates
 from ertis_detector.views import CLASS_LENGTHS, likeness
@@ -41,7 +41,7 @@ class Evidence:
     def __init__(self, rates: DetectorRates, labels: Sequence[str]) -> None:
         self._rates = rates
         self._labels = tuple(dict.fromkeys([*labels, NONE, UNKNOWN]))
-        self._is_size = np.array([label not in (NONE, UNKNOWN) for label in self._labels])
+        self._is_size = landmark_mask(self._labels)
         self._num_sizes = int(self._is_size.sum())
         each = rates.precision / max(self._num_sizes, 1)
         share = np.where(self._is_size, each, (1.0 - rates.precision) / 2)
@@ -108,7 +108,7 @@ class Evidence:
         """Take in that nothing was reported, where a landmark would have been, so probably."""
         silence = math.log((1.0 - detectable) / (1.0 - self._rates.chance))
         self._repeat(math.log(1.0 - detectable))
-        self._add(view, silence * self._is_size)
+        self._add(view, np.where(self._is_size, silence, 0.0))
 
     def size_share(self) -> dict[str, float]:
         """Probability of each size, given that it is a landmark."""

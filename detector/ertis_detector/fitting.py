@@ -18,11 +18,10 @@ Strings = npt.NDArray[np.str_]
 Rows = npt.NDArray[np.intp]
 
 NUM_NETWORKS = 4
-NUM_FOLDS, _LEAST_FOLDS = 5, 3
+NUM_FOLDS, LEAST_FOLDS = 5, 3
 HIDDEN = (128, 64)
 _EPOCHS, _BATCH, _STEP, _WEIGHT_DECAY = 25, 256, 1e-3, 0.3
 _LEAST_SCALE = 1e-3
-_BLOCK = 1000  # rows; trees take 0.3 MB for each
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,27 +92,32 @@ def fit(
     if len(classes) < 2:
         raise ValueError(f"only {classes} among the labels: nothing to tell apart")
     judged = taught if fresh is None else fresh
-    folds = _folds(judged, num_folds)
-    known = [known[teaching[known]] for known, _ in folds] if fresh is None else []
+    splits = folds(judged.groups, num_folds)
+    known = [known[teaching[known]] for known, _ in splits] if fresh is None else []
     known.append(np.flatnonzero(teaching))
     for rows in known:
         _check(labels[rows], classes)
     voters = _learn(taught.features, labels, known, num_networks, workers)
-    asked = [unseen for _, unseen in folds] if fresh is None else [np.arange(len(fresh.labels))]
+    asked = [unseen for _, unseen in splits] if fresh is None else [np.arange(len(fresh.labels))]
     votes = np.zeros((len(judged.labels), 2 * len(classes)), np.float32)
     for unseen, voter in zip(asked, voters, strict=False):
-        for some in np.array_split(unseen, len(unseen) // _BLOCK + 1):
-            votes[some] = both_votes(*voter, judged.features[some])
-    law, probabilities = _law(votes, judged, classes, folds)
+        votes[unseen] = both_votes(*voter, judged.features[unseen])
+    law, probabilities = _law(votes, judged, classes, splits)
     return Fit(Classifier(classes, *voters[-1], *law), probabilities)
 
 
-def _folds(echoes: Echoes, num_folds: int) -> list[tuple[Rows, Rows]]:
-    """Rows of all other folds, and of each."""
+def folds(groups: Sequence[str], num_folds: int = NUM_FOLDS) -> list[tuple[Rows, Rows]]:
+    """Rows of all other folds, and of each; no group stands on both sides.
+
+    Raises
+    ------
+    ValueError
+        With fewer than three groups.
+    """
     from sklearn.model_selection import GroupKFold
 
-    num_folds = max(min(num_folds, len(set(echoes.groups))), _LEAST_FOLDS)
-    return list(GroupKFold(num_folds).split(echoes.features, groups=echoes.groups))
+    num_folds = max(min(num_folds, len(set(groups))), LEAST_FOLDS)
+    return list(GroupKFold(num_folds).split(groups, groups=groups))
 
 
 def _check(labels: Strings, classes: Sequence[str]) -> None:
@@ -142,7 +146,7 @@ def _learn(
 
 
 def _law(
-    votes: Float32, echoes: Echoes, classes: tuple[str, ...], folds: Sequence[tuple[Rows, Rows]]
+    votes: Float32, echoes: Echoes, classes: tuple[str, ...], splits: Sequence[tuple[Rows, Rows]]
 ) -> tuple[tuple[Float32, Float32], Float32]:
     """Coupling and offset by all rows, and each row's probabilities by the folds it is not of."""
     labels = np.asarray(echoes.labels)
@@ -155,7 +159,7 @@ def _law(
         return _coupling(votes[told], labels[told], weights[told])
 
     probabilities = np.zeros((len(labels), len(classes)), np.float32)
-    for known, unseen in folds:
+    for known, unseen in splits:
         probabilities[unseen] = couple(votes[unseen], *fitted(known))
     return fitted(np.arange(len(labels))), probabilities
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ertis_detector.air import Air
-from ertis_detector.detection import NONE, UNKNOWN
+from ertis_detector.detection import landmark_mask
 from ertis_detector.method import KnownRangePing
 from ertis_detector.model import Model, load_model, shipped_model
 from ertis_detector.scanner import Scanner
@@ -50,7 +50,7 @@ class KnownRangeDetector:
         model, scanner = self._model_for(ping), self._scanner_for(ping)
         baseband, scape = scanner.image(ping.audio)
         gate = ping.range_m - GATE_M, ping.range_m + GATE_M + _REACH_M
-        sizes = [i for i, name in enumerate(model.classes) if name not in (NONE, UNKNOWN)]
+        sizes = np.flatnonzero(landmark_mask(model.classes))
         candidates = scanner.candidates(baseband, scape, gate)
         if not candidates:
             return np.full(len(sizes) + 1, np.log(_LEAST))

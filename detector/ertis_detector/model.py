@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from ertis_detector.classifier import Classifier
-from ertis_detector.detection import NONE, UNKNOWN, radius_m
+from ertis_detector.detection import NONE, is_landmark, radius_m
 from ertis_detector.errors import ModelError, ModelMismatch
 from ertis_detector.features import FEATURE_VERSION, NUM_FEATURES
 from ertis_detector.networks import Committee
@@ -201,7 +201,7 @@ def _names(value: Any) -> tuple[str, ...]:
 
 def _check_arrays(arrays: dict[str, Any], model: Model, path: Path) -> None:
     classes, sizes = model.classes, model.readout.sizes
-    landmarks = tuple(name for name in classes if name not in (NONE, UNKNOWN))
+    landmarks = tuple(filter(is_landmark, classes))
     if len(set(classes)) != len(classes) or NONE not in classes or not landmarks:
         raise ModelError(f"model {path}: classes {classes}, expected '{NONE}' and sizes")
     if sizes != landmarks or not all(radius_m(name) for name in sizes):

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.special import expit, logit, softmax
 
 from ertis_detector.classifier import Classifier
-from ertis_detector.detection import NONE, UNKNOWN
+from ertis_detector.detection import landmark_mask
 
 _ROUNDS = 30  # of Newton's; ten are enough
 _DOUBT = 0.1  # observations' worth of belief that what is told is true
@@ -32,7 +32,7 @@ class Recalibration:
 
     def of(self, classifier: Classifier) -> Classifier:
         """The same votes, told by this law."""
-        lift = self.offset * is_landmark(classifier.classes)
+        lift = self.offset * landmark_mask(classifier.classes)
         return replace(
             classifier,
             coupling=np.asarray(self.slope * classifier.coupling, np.float32),
@@ -42,11 +42,6 @@ class Recalibration:
     def threshold(self, probability: float) -> float:
         """Where what was a landmark with this probability is now."""
         return float(expit(self.slope * logit(probability) + self.offset))
-
-
-def is_landmark(classes: tuple[str, ...]) -> npt.NDArray[np.bool_]:
-    """Which classes are sizes."""
-    return np.array([label not in (NONE, UNKNOWN) for label in classes])
 
 
 def applied(law: Recalibration, logarithms: Float, landmark: npt.NDArray[np.bool_]) -> Float:

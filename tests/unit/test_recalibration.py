@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy.special import log_softmax
 
+from ertis_detector.detection import landmark_mask
 from ertis_detector.model import load_model, shipped_model
 from ertis_detector.recalibration import (
     Recalibration,
     applied,
     fit_recalibration,
-    is_landmark,
 )
 from ertis_driver.chirp import DEFAULT_CHIRP
 
 CLASSES = ("none", "r35", "r48", "unknown")
-LANDMARK = is_landmark(CLASSES)
+LANDMARK = landmark_mask(CLASSES)
 
 
 def told_and_true(law, count=40_000, seed=1):
@@ -56,7 +56,7 @@ def test_a_classifier_tells_what_the_law_makes_of_it():
     law = Recalibration(1.3, -0.5)
     before = classifier.probabilities(features).astype(np.float64)
     after = law.of(classifier).probabilities(features)
-    expected = applied(law, np.log(before), is_landmark(classifier.classes))
+    expected = applied(law, np.log(before), landmark_mask(classifier.classes))
     np.testing.assert_allclose(after, expected, atol=2e-5)
 
 

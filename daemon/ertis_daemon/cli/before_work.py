@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
+import os
 from pathlib import Path
 
 from ertis_driver.errors import ErtisError, SettingsError
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Declare the flag that ``check_workers`` looks at."""
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="default: every core"
+    )
 
 
 def check_workers(count: int) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
+
+from ertis_daemon.cli.before_work import add_workers, check_output, check_workers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,15 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model", type=Path, metavar="FILE", help="default: the one shipped for the chirp"
     )
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="default: every core"
-    )
+    add_workers(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, save, and say what it won."""
     from ertis_daemon.calibrating import calibrate
-    from ertis_daemon.cli.before_work import check_output, check_workers
     from ertis_daemon.cli.train import save, show_pings
 
     check_workers(args.workers)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from ertis_daemon.cli.before_work import add_workers, check_output, check_workers
 
 if TYPE_CHECKING:
     from ertis_daemon.report.page import Page
@@ -26,9 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--html", type=Path, metavar="PAGE", help="write a self-contained page")
     parser.add_argument("--json", action="store_true", help="one JSON object, shares of 1")
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
+    add_workers(parser)
     detector = parser.add_argument_group("without --protocol: the detector, range not told")
     detector.add_argument(
         "--model", type=Path, metavar="FILE", help="default: the one shipped for the chirp"
@@ -64,7 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print the figures, and write the page if one is wanted."""
-    from ertis_daemon.cli.before_work import check_workers
     from ertis_daemon.report.page import write_page
 
     check_workers(args.workers)
@@ -135,7 +133,6 @@ def _check_page(path: Path) -> None:
     """
     from importlib.util import find_spec
 
-    from ertis_daemon.cli.before_work import check_output
     from ertis_driver.errors import ErtisError
 
     if find_spec("matplotlib") is None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from ertis_daemon.cli.before_work import add_workers, check_output, check_workers
 
 if TYPE_CHECKING:
     from ertis_detector.model import Model
@@ -38,14 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "covariances, the figures said; default: cross-validation, which takes six times as long",
     )
     parser.add_argument("--name", help="what events call the model; default from the chirp")
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="default: every core"
-    )
+    add_workers(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Train, save, and say what it is worth on scenes left out."""
-    from ertis_daemon.cli.before_work import check_output, check_workers
     from ertis_daemon.training import train
     from ertis_detector.model import model_file_name
 
