@@ -14,7 +14,8 @@ from ertis_driver.halfword import mend
 
 _SAMPLES = TAPS.size // DECIMATION  # that a digit is heard in
 _FIRST_DIGIT = -(LEAD + 1) // DECIMATION  # of those that sample 0 is made of
-_CHUNK_SAMPLES = 4096  # what is made on the way stays in the L2 cache, which makes it fast
+_ONES = np.ones(_SAMPLES, np.float32)
+_CHUNK_SAMPLES = 5464  # a third of a usual frame: what is made on the way fits the L2 cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +112,7 @@ class PdmDecoder:
                 # What take would do itself, in fresh memory.
                 self._index[...] = two_digits
                 self._table.take(self._index, 0, self._added, "wrap")
-                np.add.reduce(rows, axis=1, out=two_sums)
+                np.matmul(_ONES, rows, out=two_sums)  # a sum in two passes rather than eight
 
 
 def whole_samples(words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:

@@ -19,12 +19,13 @@ SILENT = CUT + CUT // 2
 NUM_DIGITS = SILENT + 1
 
 Words = npt.NDArray[np.uint32]
+# Arrays of no dimension: numbers would be made into such at each call.
 _EXCHANGES = tuple(
-    (np.uint32(width), np.uint32(mask))
+    (np.array(width, np.uint32), np.array(mask, np.uint32))
     for width, mask in ((1, 0x5555_5555), (2, 0x3333_3333), (4, 0x0F0F_0F0F))
 )
-_LOW_OCTETS, _EIGHT = np.uint32(0x00FF_00FF), np.uint16(8)
-_LAST_TWO = np.uint32(0x0300_0300)  # of the ten bits
+_LOW_OCTETS, _EIGHT = np.array(0x00FF_00FF, np.uint32), np.array(8, np.uint16)
+_LAST_TWO = np.array(0x0300_0300, np.uint32)  # of the ten bits
 _TO_LEFT = np.array([8, 6, 4, 2, 0], np.uint32)[:, None, None]
 _TO_RIGHT = np.array([2, 4, 6], np.uint32)[:, None, None]
 
@@ -112,7 +113,7 @@ class DigitReader:
         moved &= _LAST_TWO
         self._digits |= moved.reshape(self._digits.shape)
 
-    def _exchange(self, a: Words, b: Words, width: np.uint32, mask: np.uint32) -> None:
+    def _exchange(self, a: Words, b: Words, width: Words, mask: Words) -> None:
         """Swap the upper fields of ``a`` with the lower ones of ``b``."""
         other = self._spare[: a.size // self._spare.shape[1]].reshape(a.shape)
         np.right_shift(a, width, out=other)

@@ -42,10 +42,11 @@ def _templates() -> npt.NDArray[np.float32]:
     return np.array(rows, np.float32)
 
 
-_TEMPLATES = _templates()
+_TEMPLATES = _templates()[:, :, None]
 _TWO_BITS = (2 * RESPONSES).astype(np.float32)  # from -1 to 1
 _AROUND = np.arange(-RESPONSE_REACH, RESPONSE_REACH)
 _HIGH_MICS = np.arange(_HALF, NUM_MICS, dtype=np.uint32)
+_SIGNS = np.array([-1, 1], np.float32)  # of bits
 
 
 def mend(words: npt.NDArray[np.uint32], audio: npt.NDArray[np.float32]) -> int:
@@ -63,10 +64,10 @@ def mend(words: npt.NDArray[np.uint32], audio: npt.NDArray[np.float32]) -> int:
         How many corrupt half-words were found.
     """
     positions, turned = find_corrupt_bits(words, audio)
-    centres, places = np.divmod(positions, DECIMATION)
-    change = turned[:, :, None] * _TWO_BITS[places, None, :]
-    for centre, one in zip(centres.tolist(), change, strict=True):
-        audio[_HALF:, centre - RESPONSE_REACH : centre + RESPONSE_REACH] += one
+    for position, one in zip(positions.tolist(), turned, strict=True):
+        centre, place = divmod(position, DECIMATION)
+        click = audio[_HALF:, centre - RESPONSE_REACH : centre + RESPONSE_REACH]
+        click += one[:, None] * _TWO_BITS[place]
     return len(positions)
 
 
@@ -89,22 +90,22 @@ def find_corrupt_bits(
         For microphones 16 to 31: 1 where a 0 must be a 1, -1 where a 1 must be a 0, else 0.
     """
     positions = _equal_halves(words)
-    inside = slice(*np.searchsorted(positions, _bounds(audio.shape[1])))
-    positions = positions[inside]
+    first, last = _bounds(audio.shape[1])
+    positions = positions[(positions >= first) & (positions < last)]
     if positions.size > _MAX_CANDIDATES:
         positions = positions[:0]
-    centres, places = np.divmod(positions, DECIMATION)
-    heard = audio[:, centres[:, None] + _AROUND]
+    centres = positions // DECIMATION
+    heard = audio[:, centres[:, None] + _AROUND].transpose(1, 0, 2)
     # In bits: +-2 where one is wrong.
-    amplitude = np.einsum("mcs,cs->cm", heard, _TEMPLATES[places])
-    energy = amplitude**2
-    untouched = np.maximum(energy[:, :_HALF].sum(axis=1), 1.0)
-    clicks = energy[:, _HALF:].sum(axis=1) >= _ENERGY_RATIO * untouched
-    signs = 2.0 * ((words[positions, None] >> _HIGH_MICS) & 1) - 1.0
-    wrong = (amplitude[:, _HALF:] * signs > 1.0) & clicks[:, None]
+    amplitude = (heard @ _TEMPLATES[positions - DECIMATION * centres])[:, :, 0]
+    energy = np.add.reduce((amplitude**2).reshape(-1, 2, _HALF), axis=2)
+    clicks = np.flatnonzero(energy[:, 1] >= _ENERGY_RATIO * np.maximum(energy[:, 0], 1.0))
+    positions = positions[clicks]
+    bits = words[positions, None] >> _HIGH_MICS & 1
+    signs = _SIGNS[bits]
+    wrong = amplitude[clicks, _HALF:] * signs > 1.0
     corrupt = wrong.any(axis=1)
-    turned = np.where(wrong[corrupt], -signs[corrupt], 0.0)
-    return positions[corrupt], turned.astype(np.float32)
+    return positions[corrupt], (-signs * wrong)[corrupt]
 
 
 def _equal_halves(words: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp]:

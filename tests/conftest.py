@@ -1,4 +1,3 @@
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -6,8 +5,9 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-# As the command does, before numpy comes: with more, sums are rounded otherwise in each process.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from ertis_daemon.blas import settle_blas
+
+settle_blas()  # as the command does: with more threads, sums are rounded otherwise in each process
 
 # Nothing is timed: that a machine is busy is no defect.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -11,15 +11,17 @@ import os
 import platform
 from pathlib import Path
 
+from ertis_daemon.blas import settle_blas
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--reference", type=Path, help="a headerless recording of one ping")
     args = parser.parse_args()
-    # BLAS reads these once, when numpy is first imported: hence the imports below.
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"
+    # BLAS reads them once, when numpy is first imported: hence the imports below.
+    settle_blas()
+    os.environ["MKL_NUM_THREADS"] = "1"
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 

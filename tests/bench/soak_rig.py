@@ -90,7 +90,6 @@ class Daemon:
         systemd.bind(os.fspath(folder / "notify"))
         systemd.settimeout(PATIENCE_S)
         environment = {**os.environ, "NOTIFY_SOCKET": os.fspath(folder / "notify")}
-        environment.setdefault("OPENBLAS_NUM_THREADS", "1")
         self._log = folder / "daemon.log"
         log = stack.enter_context(self._log.open("wb"))
         start_s = time.monotonic()

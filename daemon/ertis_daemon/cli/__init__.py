@@ -6,9 +6,9 @@ import importlib
 import os
 import sys
 
-# One ping's arrays are small: threads of BLAS cost more than they give, on a robot above all.
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+from ertis_daemon.blas import settle_blas
+
+settle_blas()
 
 OK, FAILED, USAGE, WITH_FINDINGS, INTERRUPTED = 0, 1, 2, 3, 130
 
