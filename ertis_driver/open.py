@@ -19,6 +19,26 @@ HARDWARE = ("serial", "usb")
 EXAMPLES = "serial:/dev/ttyACM0, usb:0483:5740, replay:garage.mcap, sim:hall.yaml"
 
 
+def split_address(address: str) -> tuple[str, str]:
+    """Kind of device, and where; nothing is looked for there.
+
+    Raises
+    ------
+    AddressError
+        If the address is malformed or of a kind that is unknown.
+    """
+    kind, colon, where = address.partition(":")
+    if not colon or not where:
+        hint = f"; did you mean serial:{address}?" if address.startswith("/dev/") else ""
+        raise AddressError(f"address {address!r}, expected kind:where ({EXAMPLES}){hint}")
+    if kind not in KINDS:
+        raise AddressError(
+            f"address {address!r} is of unknown kind {kind!r}, expected one of {', '.join(KINDS)} "
+            f"({EXAMPLES})"
+        )
+    return kind, where
+
+
 def open_device(address: str, *, reconnect: bool = False, **options: Any) -> Sonar:
     """Open the sonar at ``kind:where``.
 
@@ -41,15 +61,7 @@ def open_device(address: str, *, reconnect: bool = False, **options: Any) -> Son
     DeviceError, RecordingError
         If the device or recording cannot be opened.
     """
-    kind, colon, where = address.partition(":")
-    if not colon or not where:
-        hint = f"; did you mean serial:{address}?" if address.startswith("/dev/") else ""
-        raise AddressError(f"address {address!r}, expected kind:where ({EXAMPLES}){hint}")
-    if kind not in KINDS:
-        raise AddressError(
-            f"address {address!r} is of unknown kind {kind!r}, expected one of {', '.join(KINDS)} "
-            f"({EXAMPLES})"
-        )
+    kind, where = split_address(address)
     name = KINDS[kind]
     if reconnect and kind in HARDWARE:
         name, where = "ertis_driver.reconnect:ReconnectingSonar", address

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ertis_daemon.report.detector_data import FLOOR
 from ertis_daemon.training import first_chirp, name_of
-from ertis_daemon.training_reports import Reports, weights_of
+from ertis_daemon.training_reports import GREATEST_THRESHOLD, Reports, weights_of
 from ertis_daemon.training_rows import TrainingRows, read_rows
 from ertis_detector.calibration import reliability
 from ertis_detector.detection import is_landmark, landmark_mask
@@ -158,7 +158,7 @@ def _errors(
 def _card(
     old: ModelCard, law: Recalibration, reports: Reports, source: str, data: str, in_sight: float
 ) -> ModelCard:
-    least = round(law.threshold(old.min_probability), 3)
+    least = min(round(law.threshold(old.min_probability), 3), GREATEST_THRESHOLD)
     tracking = reports.figures(TRACKING_PROBABILITY)
     alarms = max(tracking["false_alarms_per_ping"], round(_RULE_OF_THREE / reports.pings, 5))
     return replace(

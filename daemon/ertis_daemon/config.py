@@ -14,7 +14,9 @@ from ertis_daemon.yaml_load import option, section
 from ertis_detector.air import Air
 from ertis_driver.chirp import DEFAULT_CHIRP, Chirp, ChirpKind
 from ertis_driver.device import ExternalTrigger, Settings
+from ertis_driver.errors import AddressError
 from ertis_driver.frame import DEFAULT_NUM_WORDS
+from ertis_driver.open import split_address
 
 
 def check_chunk(value: str) -> str | None:
@@ -30,6 +32,14 @@ def _check_key(value: str) -> str | None:
 
 def _check_filled(value: str) -> str | None:
     return None if value.strip() else "empty, expected text"
+
+
+def _check_address(value: str) -> str | None:
+    try:
+        split_address(value)
+    except AddressError as error:
+        return str(error) if value.strip() else _check_filled(value)
+    return None
 
 
 def _check_locators(values: tuple[str, ...]) -> str | None:
@@ -59,7 +69,7 @@ class DeviceConfig:
     address: str = option(
         "serial:/dev/ertis0",
         "serial:PORT, serial:sn=NUMBER, usb:VID:PID, replay:FILE or sim:SCENE",
-        check=_check_filled,
+        check=_check_address,
     )
     frame_id: str = option(
         "sonar",

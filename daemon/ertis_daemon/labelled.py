@@ -22,10 +22,10 @@ def recorded_truth(
     recorded : dict or None
         The ping's truth, as its recording has it.
     """
-    if row is None or recorded is None:
-        return recorded
-    if "landmarks" not in recorded:
+    if recorded is None or "landmarks" not in recorded:
         return None
+    if row is None:
+        return recorded
     landmarks = recorded["landmarks"]
     label = str(landmarks[0]["label"]) if landmarks else NONE
     return recorded if label == row.label else None

@@ -20,6 +20,9 @@ POSES_WAITING = 1024  # between two pings; at 100 a second that is 10 s
 MAX_PAYLOAD_BYTES = 4096
 # A robot's pose that jumps farther was set anew, by its odometry's restart or its localisation.
 MAX_JUMP_M_S, MAX_JUMP_M = 20.0, 0.1
+MAX_TURN_RAD_S, MAX_TURN_RAD = 20.0, 0.2
+# Two poses nearer to each other in time tell no speed: their rounding alone would be metres.
+MIN_APART_NS = 5_000_000
 _GUESSED_PART = 0.5  # one sigma of what is extrapolated, of its length
 
 
@@ -112,8 +115,13 @@ class Odometry:
         """Whether a pose may follow the latest one."""
         latest_ns, latest = self._poses[-1]
         step_m = math.hypot(pose.x_m - latest.x_m, pose.y_m - latest.y_m)
+        turn_rad = abs(wrap(pose.yaw_rad - latest.yaw_rad))
         elapsed_s = (time_ns - latest_ns) / 1e9
-        return elapsed_s > 0 and step_m <= MAX_JUMP_M + MAX_JUMP_M_S * elapsed_s
+        return (
+            elapsed_s > 0
+            and step_m <= MAX_JUMP_M + MAX_JUMP_M_S * elapsed_s
+            and turn_rad <= MAX_TURN_RAD + MAX_TURN_RAD_S * elapsed_s
+        )
 
     def _place(self, time_ns: int) -> _Place | None:
         """Where the robot was: between two poses, or a little after the latest."""
@@ -131,9 +139,11 @@ class Odometry:
 
     def _extrapolated(self, time_ns: int) -> _Place | None:
         latest_ns, latest = self._poses[-1]
-        if time_ns - latest_ns > self._max_age_ns or len(self._poses) < 2:
+        apart = (one for one in reversed(self._poses) if latest_ns - one[0] >= MIN_APART_NS)
+        earlier = next(apart, None)
+        if time_ns - latest_ns > self._max_age_ns or earlier is None:
             return None
-        pose = _between(self._poses[-2], self._poses[-1], time_ns)
+        pose = _between(earlier, self._poses[-1], time_ns)
         length_m = math.hypot(pose.x_m - latest.x_m, pose.y_m - latest.y_m)
         turn_rad = abs(wrap(pose.yaw_rad - latest.yaw_rad))
         return _Place(pose, _GUESSED_PART * length_m, _GUESSED_PART * turn_rad)
@@ -170,7 +180,9 @@ def _read(payload: bytes) -> tuple[int, PlanarPose] | None:
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
     numbers = (x_m, y_m, yaw_rad)
-    if type(time_ns) is not int or time_ns < 0 or any(type(n) not in (int, float) for n in numbers):
+    if type(time_ns) is not int or not 0 <= time_ns < 2**63:
+        return None
+    if any(type(n) not in (int, float) for n in numbers):
         return None
     try:
         pose = PlanarPose(float(x_m), float(y_m), wrap(float(yaw_rad)))

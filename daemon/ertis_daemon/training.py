@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ertis_daemon.training_reports import Reports, weights_of
 from ertis_daemon.training_rows import TrainingRows, read_rows, recordings_of
+from ertis_detector.detection import NONE, is_landmark
 from ertis_detector.fitting import Echoes, fit
 from ertis_detector.model import TRACKING_PROBABILITY, Model, ModelCard, file_sha256
 from ertis_detector.readout import Readout, fit_readout
@@ -54,6 +55,7 @@ def train(
     if calibrate:
         rows = read_rows(calibrate, chirp, workers, lambda pings: progress(taught.pings + pings))
         _check_apart(taught, rows)
+    _check_kinds(taught)
     weights, in_sight = weights_of(rows)
     judged = Echoes(rows.features, rows.labels, rows.groups, weights)
     try:
@@ -80,7 +82,8 @@ def train(
         figures=reports.figures(least),
         tracking=reports.figures(TRACKING_PROBABILITY),
     )
-    return Model(fitted.classifier, _readout(rows, reports, least), card)
+    sizes = filter(is_landmark, fitted.classifier.classes)
+    return Model(fitted.classifier, _readout(tuple(sizes), rows, reports, least), card)
 
 
 def _check_apart(taught: TrainingRows, rows: TrainingRows) -> None:
@@ -92,7 +95,16 @@ def _check_apart(taught: TrainingRows, rows: TrainingRows) -> None:
         )
 
 
-def _readout(rows: TrainingRows, reports: Reports, least: float) -> Readout:
+def _check_kinds(rows: TrainingRows) -> None:
+    met = set(rows.labels)
+    if NONE not in met or not any(map(is_landmark, met)):
+        raise RecordingError(
+            f"echoes of {', '.join(sorted(met)) or 'nothing'} in {rows.pings} pings, expected some "
+            f"of landmarks and some of what is none ({NONE!r}): record both"
+        )
+
+
+def _readout(sizes: Collection[str], rows: TrainingRows, reports: Reports, least: float) -> Readout:
     """Fitted to what would be reported: errors of what is not told to anybody do not count."""
     known = np.isfinite(rows.truth).all(axis=1) & reports.size_right
     known &= reports.probability >= least
@@ -102,6 +114,12 @@ def _readout(rows: TrainingRows, reports: Reports, least: float) -> Readout:
             f"{_LEAST_LANDMARKS} or more: record more, and fill in yaw_deg"
         )
     labels = [label for label, yes in zip(rows.labels, known, strict=True) if yes]
+    missing = sorted(set(sizes) - set(labels))
+    if missing:
+        raise RecordingError(
+            f"of {', '.join(missing)} none of known turn is recognised in {rows.pings} pings, "
+            "expected some of each size: record more, and fill in yaw_deg"
+        )
     return fit_readout(
         rows.features[known], labels, rows.place[known], rows.truth[known], rows.snr_db[known]
     )

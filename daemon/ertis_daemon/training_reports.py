@@ -13,6 +13,7 @@ from ertis_detector.detection import NONE, UNKNOWN, landmark_mask
 MAX_FALSE_PER_PING, MAX_DECOYS_REPORTED = 1 / 420, 0.02
 # Probabilities are to come true where a landmark is in sight in every other ping: decision 9.
 IN_SIGHT = 0.5
+GREATEST_THRESHOLD = 0.999  # of 1, nothing would ever be reported
 
 
 def weights_of(rows: TrainingRows) -> tuple[npt.NDArray[np.float64], float]:
@@ -53,7 +54,7 @@ class Reports:
         by_clutter = self._rarer_than(self.is_clutter, MAX_FALSE_PER_PING * self.pings)
         decoys = self.weight[self.is_decoy].sum()
         by_decoys = self._rarer_than(self.is_decoy, MAX_DECOYS_REPORTED * decoys)
-        return round(min(max(0.5, by_clutter, by_decoys), 0.999), 3)
+        return round(min(max(0.5, by_clutter, by_decoys), GREATEST_THRESHOLD), 3)
 
     def figures(self, threshold: float) -> dict[str, float]:
         """Of located proposals, not of dishes, on scenes left out.

@@ -170,7 +170,8 @@ def _learn(job: _Job) -> tuple[int, int, list[_Row]]:
             truth = labelled_truth(job.row)
         if truth is None:
             raise RecordingError(
-                f"{job.path}: ping {ping.frame.ping_index} has no truth: nothing to learn from"
+                f"{job.path}: ping {ping.frame.ping_index} has no truth: nothing to learn from; a "
+                "labelled recording's is in the table of its data set, so name that folder"
             )
         scanner = _scanner(
             settings, rounded(Air.measured(ping.temperature_c, ping.humidity_percent))

@@ -100,11 +100,11 @@ def compare(events: Iterable[Mapping[str, Any]], truth: Iterable[Mapping[str, An
     Raises
     ------
     TruthError
-        If a line lacks a field.
+        If a line lacks a field, or one of its numbers is none of this world.
     """
     try:
         return _compare(events, truth)
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise TruthError(f"an event or truth line lacks or garbles a field: {error}") from error
 
 

@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, logit, softmax
+from scipy.special import expit, log_softmax, logit, softmax
 
 from ertis_detector.classifier import Classifier
 from ertis_detector.detection import landmark_mask
 
-_ROUNDS = 30  # of Newton's; ten are enough
+_ROUNDS = 60  # of Newton's; ten are enough where what is told is nearly true
+_NOTHING = 1e-9  # a step as small changes no probability
 _DOUBT = 0.1  # observations' worth of belief that what is told is true
 
 Float = npt.NDArray[np.float64]
@@ -71,6 +72,11 @@ def fit_recalibration(
     w = np.ones(len(truth)) if weights is None else weights
     rows = np.arange(len(truth))
     as_told = np.array([1.0, 0.0])
+
+    def likelihood(law: Float) -> float:
+        told = log_softmax(law[0] * logarithms + law[1] * landmark, axis=1)[rows, truth]
+        return float(w @ told - _DOUBT / 2 * np.sum((law - as_told) ** 2))
+
     law = as_told
     for _ in range(_ROUNDS):
         p = applied(Recalibration(*law), logarithms, landmark)
@@ -85,7 +91,12 @@ def fit_recalibration(
                 [both, w @ (landmarks - landmarks**2)],
             ]
         )
-        law = law + np.linalg.solve(
-            curvature + _DOUBT * np.eye(2), gradient - _DOUBT * (law - as_told)
-        )
+        step = np.linalg.solve(curvature + _DOUBT * np.eye(2), gradient - _DOUBT * (law - as_told))
+        # Far from the top a whole step may pass it, to where all is sure and nothing bends.
+        here = likelihood(law)
+        while likelihood(law + step) < here and np.abs(step).max() > _NOTHING:
+            step /= 2
+        law = law + step
+        if np.abs(step).max() <= _NOTHING:
+            break
     return Recalibration(*law.tolist())

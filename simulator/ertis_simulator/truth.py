@@ -33,7 +33,8 @@ def seen_dish(item: DishObject, vertex_m: FloatArray, pose: Pose, clear: float) 
     """
     at = pose.to_sensor(vertex_m)
     distance = float(np.linalg.norm(at))
-    tilt = float(np.arccos(np.clip(pose.turn(item.axis) @ (-at / distance), -1, 1)))
+    # A sonar in the very vertex sees no side of it.
+    tilt = float(np.arccos(np.clip(pose.turn(item.axis) @ (-at / max(distance, 1e-9)), -1, 1)))
     azimuth = float(np.arctan2(at[1], at[0]))
     shadowed = clear < SHADOWED_PART
     visible = bool(

@@ -4,19 +4,19 @@ import pytest
 
 from ertis_daemon.blas import settle_blas
 
-SLOWED = "cpu family\t: 6\nmodel\t\t: 85\nmodel name\t: Intel(R) Xeon(R)\n"
+SLOWED = "cpu:type:x86,ven0000fam0006mod0055:feature:,0000,0125,0130,0131\n"
 
 
 @pytest.fixture
-def cpuinfo(tmp_path):
-    path = tmp_path / "cpuinfo"
+def processor(tmp_path):
+    path = tmp_path / "modalias"
     path.write_text(SLOWED)
     return path
 
 
-def test_one_thread_and_narrow_products_where_wide_ones_slow_the_core(cpuinfo):
+def test_one_thread_and_narrow_products_where_wide_ones_slow_the_core(processor):
     environment = {}
-    settle_blas(environment, cpuinfo)
+    settle_blas(environment, processor)
     assert environment == {
         "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1",
@@ -24,22 +24,30 @@ def test_one_thread_and_narrow_products_where_wide_ones_slow_the_core(cpuinfo):
     }
 
 
-@pytest.mark.parametrize("told", [SLOWED.replace(": 85", ": 106"), "Model\t: Raspberry Pi 5\n", ""])
-def test_other_processors_keep_the_kernels_that_blas_chooses(cpuinfo, told):
-    cpuinfo.write_text(told)
+@pytest.mark.parametrize(
+    "told",
+    [
+        SLOWED.replace("mod0055", "mod006A"),
+        SLOWED.replace(",0130", ""),
+        "cpu:type:aarch64:feature:,0000",
+        "",
+    ],
+)
+def test_other_processors_keep_the_kernels_that_blas_chooses(processor, told):
+    processor.write_text(told)
     environment = {}
-    settle_blas(environment, cpuinfo)
+    settle_blas(environment, processor)
     assert "OPENBLAS_CORETYPE" not in environment
 
 
-def test_no_cpuinfo_is_no_fault(tmp_path):
+def test_a_processor_without_a_name_is_no_fault(tmp_path):
     environment = {}
     settle_blas(environment, tmp_path / "missing")
     assert environment["OPENBLAS_NUM_THREADS"] == "1"
 
 
-def test_what_the_user_set_stays(cpuinfo):
+def test_what_the_user_set_stays(processor):
     environment = {"OPENBLAS_NUM_THREADS": "2", "OPENBLAS_CORETYPE": "SkylakeX"}
-    settle_blas(environment, cpuinfo)
+    settle_blas(environment, processor)
     assert environment["OPENBLAS_NUM_THREADS"] == "2"
     assert environment["OPENBLAS_CORETYPE"] == "SkylakeX"

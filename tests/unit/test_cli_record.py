@@ -234,6 +234,8 @@ def test_raw_words_go_in_and_out(tmp_path, capsys):
     assert [ping.frame.ping_index for ping in opened] == [0, 1]
     assert main(["convert", str(tmp_path / "a.mcap"), str(tmp_path / "back.bin")]) == 0
     assert (tmp_path / "back.bin").read_bytes() == words.astype("<u4").tobytes()
+    lost = "back.bin holds words only: chirp, times, temperature and source (replay) stay behind"
+    assert lost in capsys.readouterr().err
     assert (
         main(["convert", str(tmp_path / "a.mcap"), str(tmp_path / "1b.bin"), "--pings", "1"]) == 0
     )

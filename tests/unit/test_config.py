@@ -48,7 +48,7 @@ def test_the_example_names_every_field_and_reads_back_equal():
 
 @given(st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1))
 def test_any_printable_text_survives_the_example(text):
-    config = Config(device=DeviceConfig(address=text))
+    config = Config(device=DeviceConfig(frame_id=text))
     assert parse_config(example_yaml(config).encode()) == config
 
 
@@ -76,6 +76,8 @@ def test_numbers_are_read_as_the_field_wants_them_not_as_yaml_does():
         ("device: {name: a/b}", "16: device.name: 'a/b', expected a Zenoh key chunk"),
         ("device: {name: 'a b'}", "16: device.name: 'a b', expected a Zenoh key chunk"),
         ("device: {address: ''}", "19: device.address: empty"),
+        ("device: {address: 'foo:bar'}", "19: device.address: address 'foo:bar' is of unknown"),
+        ("device: {address: /dev/ttyACM0}", "19: device.address: address '/dev/ttyACM0', expected"),
         ("zenoh: {connect: tcp/a:1}", "18: zenoh.connect: expected a list"),
         ("zenoh: {connect: [localhost]}", "18: zenoh.connect: 'localhost', expected a Zenoh loc"),
         ("odometry: {key: /odom}", "17: odometry.key: '', expected a Zenoh key chunk"),

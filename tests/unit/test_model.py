@@ -111,6 +111,20 @@ def test_a_model_reads_back_as_it_was_written(saved):
     )
 
 
+def test_trees_of_eighteen_sizes_are_not_too_many(path):
+    trees = 20 * 150  # as training makes them, none and unknown included
+    splits = trees * 31
+    many = made(
+        trees__feature=np.zeros(splits, np.uint8),
+        trees__threshold=np.ones(splits, np.float32),
+        trees__mask=np.full(splits, 0xFFFFFFFE, np.uint32),
+        trees__first=np.arange(0, splits, 31, dtype=np.int32),
+        trees__leaves=np.ones((trees, 32), np.float32),
+    )
+    save_model(many, path)
+    assert load_model(path).classifier.trees.first.size == trees
+
+
 def test_saving_replaces_the_file_and_leaves_nothing_beside_it(saved):
     save_model(made(offset=np.full(3, 2.0, np.float32)), saved)
     assert np.all(load_model(saved).classifier.offset == 2.0)

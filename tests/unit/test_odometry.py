@@ -105,7 +105,10 @@ def test_after_a_ping_without_odometry_motion_starts_again():
     assert odometry.at_ping(1150 * MS).motion.step.x_m == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("again", [pose(699), pose(1201, 100.0)])
+@pytest.mark.parametrize(
+    "again",
+    [pose(699), pose(1201, 100.0), pose(1201, 0.2, yaw_rad=2.5), pose(1201, 0.2, 0.0, -2.5)],
+)
 def test_time_that_goes_back_and_a_pose_set_anew_start_odometry_again(again):
     odometry = told(pose(1000), pose(1200, 0.2), max_age_s=0.5)
     assert odometry.at_ping(1100 * MS).is_known
@@ -129,6 +132,24 @@ def test_a_pose_set_anew_is_no_motion():
     assert (after.is_known, after.motion) == (True, None)
 
 
+def test_a_turn_across_the_back_is_no_jump():
+    odometry = told(pose(0, yaw_rad=3.13), pose(10, yaw_rad=-3.13))
+    odometry.at_ping(0)
+    assert odometry.at_ping(10 * MS).motion.step.yaw_rad == pytest.approx(2 * math.pi - 6.26)
+
+
+def test_poses_too_near_to_each_other_in_time_tell_no_speed():
+    both = [
+        json.dumps({"time_ns": 10**9 + late_ns, "x_m": x_m, "y_m": 0, "yaw_rad": 0}).encode()
+        for late_ns, x_m in ((0, 0.0), (1000, 1e-4))
+    ]
+    assert not told(*both).at_ping(1050 * MS).is_known
+    # An earlier one does.
+    odometry = told(pose(900, -0.05), *both)
+    odometry.at_ping(950 * MS)
+    assert odometry.at_ping(1050 * MS).motion.step.x_m == pytest.approx(0.05, abs=1e-3)
+
+
 def test_the_same_pose_twice_is_taken_once():
     odometry = told(pose(0), pose(100, 0.1), pose(100, 0.1), pose(200, 0.2))
     odometry.at_ping(0)
@@ -145,6 +166,8 @@ def test_the_same_pose_twice_is_taken_once():
         b"{}",
         b'{"time_ns": 1.5, "x_m": 0, "y_m": 0, "yaw_rad": 0}',
         b'{"time_ns": -1, "x_m": 0, "y_m": 0, "yaw_rad": 0}',
+        b'{"time_ns": 9223372036854775808, "x_m": 0, "y_m": 0, "yaw_rad": 0}',
+        b'{"time_ns": 1' + b"0" * 310 + b', "x_m": 0, "y_m": 0, "yaw_rad": 0}',
         b'{"time_ns": true, "x_m": 0, "y_m": 0, "yaw_rad": 0}',
         b'{"time_ns": 1, "x_m": "0", "y_m": 0, "yaw_rad": 0}',
         b'{"time_ns": 1, "x_m": NaN, "y_m": 0, "yaw_rad": 0}',

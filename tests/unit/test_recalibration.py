@@ -37,6 +37,26 @@ def test_the_law_that_made_truths_is_found_again(law):
     assert found.offset == pytest.approx(law.offset, abs=0.06)
 
 
+@pytest.mark.parametrize("over", [3.0, 5.0, 10.0])
+def test_a_law_far_from_what_is_told_is_found_too(over):
+    rng = np.random.default_rng(0)
+    odds = rng.normal(0, 8.0, 20_000)  # told; true are less
+    truth = (rng.random(odds.size) < 1 / (1 + np.exp(-odds / over))).astype(int)
+    logarithms = log_softmax(np.stack([np.zeros_like(odds), odds], axis=1), axis=1)
+    found = fit_recalibration(logarithms, truth, np.array([False, True]))
+    assert found.slope == pytest.approx(1 / over, rel=0.05)
+    assert found.offset == pytest.approx(0.0, abs=0.1)
+
+
+def test_one_wrong_among_thousands_that_are_sure_does_not_throw_the_law():
+    logarithms = np.log(np.tile([1e-6, 1 - 1e-6], (2000, 1)))
+    truth = np.ones(2000, int)
+    truth[0] = 0
+    law = fit_recalibration(logarithms, truth, np.array([False, True]))
+    told = applied(law, logarithms[:1], np.array([False, True]))[0, 1]
+    assert told == pytest.approx(1999 / 2000, abs=3e-4)
+
+
 def test_without_echoes_all_is_left_as_it_is():
     empty = np.zeros((0, len(CLASSES)))
     assert fit_recalibration(empty, np.zeros(0, np.intp), LANDMARK) == Recalibration(1.0, 0.0)

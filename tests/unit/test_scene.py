@@ -85,6 +85,12 @@ def test_a_landmark_in_front_hides_the_one_behind_it_and_not_the_other_way_round
     assert [item["shadowed"] for item in made.truth(0)["landmarks"]] == [False, True]
 
 
+def test_a_landmark_that_the_sonar_stands_in_is_not_visible_and_has_a_tilt():
+    there = told(scene(landmark(0.0)))
+    assert (there["range_m"], there["visible"]) == (0.0, False)
+    assert np.isfinite(there["tilt_rad"])
+
+
 def test_a_landmark_carried_away_is_told_where_it_is():
     path = Path((0.0, 2.0), ((2.0, 0.0), (3.0, 0.0)), (0.0, 0.0))
     made = scene(landmark(path=path), ping_period_s=1.0)

@@ -1,6 +1,7 @@
 """Recordings with truth, or labelled data sets, to a model that recognises what it was taught."""
 
 import contextlib
+import dataclasses
 import hashlib
 import io
 import json
@@ -8,11 +9,13 @@ import json
 import numpy as np
 import pytest
 
+from ertis_daemon import calibrating, training
 from ertis_daemon.cli import main
 from ertis_daemon.pipeline import build_detector
 from ertis_detector.air import Air
 from ertis_detector.detection import NONE
 from ertis_detector.model import load_model, shipped_model
+from ertis_detector.recalibration import Recalibration
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
 from ertis_driver.dataset import open_dataset
@@ -50,6 +53,14 @@ def scene(number, label):
     return Scene(OPEN, start, dishes, clutter, seed=number, name=f"scene {number}")
 
 
+def record(path, pings):
+    """Words and truth of each ping, as a simulator would."""
+    with RecordingWriter(path, RecordingInfo("sim", DEFAULT_CHIRP, NUM_WORDS)) as writer:
+        for number, (words, truth) in enumerate(pings):
+            writer.write(PdmFrame(words, number, 0), truth)
+    return path
+
+
 @pytest.fixture(scope="module")
 def heard():
     """Label, words and truth of each ping."""
@@ -64,10 +75,7 @@ def heard():
 @pytest.fixture(scope="module")
 def recording(heard, tmp_path_factory):
     path = tmp_path_factory.mktemp("training") / "taught.mcap"
-    with RecordingWriter(path, RecordingInfo("sim", DEFAULT_CHIRP, NUM_WORDS)) as writer:
-        for number, (_, words, truth) in enumerate(heard):
-            writer.write(PdmFrame(words, number, 0), truth)
-    return path
+    return record(path, [(words, truth) for _, words, truth in heard])
 
 
 @pytest.fixture(scope="module")
@@ -195,6 +203,12 @@ def test_a_model_calibrated_here_votes_the_same_and_is_as_sure_as_it_may_be(
     assert after.card.tracking["false_alarms_per_ping"] >= round(3 / 208, 5)
 
 
+def test_a_threshold_stays_where_something_can_be_reported(here, taught, tmp_path, monkeypatch):
+    monkeypatch.setattr(calibrating, "fit_recalibration", lambda *args: Recalibration(1.0, 20.0))
+    made = calibrating.calibrate([here], taught[1], 1).model
+    assert made.card.min_probability == 0.999
+
+
 def test_what_is_too_little_or_strange_to_calibrate_with_is_said(
     here, recording, taught, tmp_path, capsys
 ):
@@ -265,9 +279,42 @@ def test_a_label_without_a_range_is_named(dataset, tmp_path, capsys):
     assert "range_m" in line
 
 
+def test_a_labelled_recording_by_itself_is_sent_back_to_its_data_set(tmp_path, capsys):
+    silence = np.zeros(NUM_WORDS, np.uint32)
+    path = record(tmp_path / "labelled.mcap", [(silence, {"label": {"label": "r48"}})])
+    line = refusal(capsys, str(path), "-o", str(tmp_path / "m"))
+    assert "no truth" in line
+    assert "data set, so name that folder" in line
+
+
+@pytest.mark.parametrize("only", ["r40", NONE])
+def test_echoes_of_one_kind_make_no_model(heard, tmp_path, capsys, monkeypatch, only):
+    path = record(tmp_path / "one.mcap", [(words, truth) for _, words, truth in heard[:4]])
+    read = training.read_rows
+
+    def of_one_kind(*args):
+        rows = read(*args)
+        return dataclasses.replace(rows, labels=[only] * len(rows.labels))
+
+    monkeypatch.setattr(training, "read_rows", of_one_kind)
+    line = refusal(capsys, str(path), "-o", str(tmp_path / "m"))
+    assert f"echoes of {only} in 4 pings, expected some of landmarks" in line
+
+
+def test_a_size_of_which_no_turn_is_known_is_named(heard, tmp_path, capsys):
+    def half_known(truth):
+        places = [dict(item) for item in truth["landmarks"]]
+        for item in places:
+            if item["label"] == "r66":
+                del item["tilt_rad"]
+        return truth | {"landmarks": places}
+
+    pings = [(words, half_known(truth)) for _, words, truth in heard * 2]
+    path = record(tmp_path / "turned.mcap", pings)
+    line = refusal(capsys, str(path), "-o", str(tmp_path / "m"))
+    assert "of r66 none of known turn is recognised" in line
+
+
 def test_too_few_landmarks_are_told_by_number(heard, tmp_path, capsys):
-    path = tmp_path / "few.mcap"
-    with RecordingWriter(path, RecordingInfo("sim", DEFAULT_CHIRP, NUM_WORDS)) as writer:
-        for number, (_, words, truth) in enumerate(heard[:24]):
-            writer.write(PdmFrame(words, number, 0), truth)
+    path = record(tmp_path / "few.mcap", [(words, truth) for _, words, truth in heard[:24]])
     assert "expected 20 or more" in refusal(capsys, str(path), "-o", str(tmp_path / "m"))

@@ -107,6 +107,12 @@ def test_a_line_without_its_fields_is_a_truth_error():
         compare([], [{"ping_index": 1, "landmarks": [{}]}])
 
 
+def test_an_angle_of_no_size_is_a_truth_error():
+    endless = place() | {"azimuth_rad": float("inf")}
+    with pytest.raises(TruthError, match="garbles"):
+        score([report()], [endless])
+
+
 def test_the_summary_says_that_it_is_simulated():
     text = summary(score([report(range_m=1.1)], [place()]))
     assert text.startswith("0 announced, 0 of them rightly; followed with the right size in 1 of")

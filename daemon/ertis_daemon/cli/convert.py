@@ -108,8 +108,16 @@ def _chirp(args: argparse.Namespace) -> Emission | None:
 
 def _warn_of_loss(args: argparse.Namespace) -> None:
     from ertis_driver.mcap_summary import read_summary
+    from ertis_driver.recording import open_recording
 
     for path in args.files:
+        info = open_recording(path).info
+        if args.output.suffix == ".bin" and info.chirp is not None:
+            print(
+                f"ertis: {args.output} holds words only: chirp, times, temperature and source "
+                f"({info.source}) stay behind",
+                file=sys.stderr,
+            )
         summary = read_summary(path)
         others = summary.num_messages if summary is not None else {}
         count = sum(others.get(topic, 0) for topic in ("events", "picture", "log"))

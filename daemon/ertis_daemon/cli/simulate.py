@@ -112,6 +112,7 @@ def _dataset(args: argparse.Namespace, chirp: Chirp) -> int:
         raise SettingsError("--dataset DIR says where it goes: leave out -o and --plot")
     num_pings = PAPER_PINGS if args.pings is None else args.pings
     spec = DatasetSpec(args.seed, num_pings, args.variant, chirp.name)
+    _show(0, num_pings)
     try:
         made = make_dataset(args.dataset, spec, _workers(args), lambda done: _show(done, num_pings))
     finally:
@@ -138,6 +139,7 @@ def _record(args: argparse.Namespace, chirp: Chirp) -> None:
     # Whole or not at all: beside its place until it is done.
     part = args.output.with_name(args.output.name + ".part")
     part.unlink(missing_ok=True)
+    _show(0, num_pings)
     try:
         with (
             RecordingWriter(part, info) as writer,
@@ -164,7 +166,8 @@ def _plot(args: argparse.Namespace, chirp: Chirp) -> None:
 
 def _show(done: int, total: int) -> None:
     if sys.stderr.isatty():
-        print(f"\rsimulated {done}/{total}", end="", file=sys.stderr, flush=True)
+        hint = "" if done else " (compiling first, once on a machine: half a minute)"
+        print(f"\rsimulated {done}/{total}{hint}\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 def _end_progress() -> None:

@@ -96,7 +96,7 @@ def load_detector(sonar: SonarConfig) -> LandmarkDetector | None:
         if sonar.detector.model:
             load_model(Path(sonar.detector.model))
     except DetectorError as error:
-        raise ReloadError(f"{sonar.device.name}: detector.model: {error}") from error
+        raise ReloadError(f"detector.model of sonar {sonar.device.name!r}: {error}") from error
     return None
 
 
