@@ -41,7 +41,8 @@ def build_config(node: yaml.Node | None, marks: Marks) -> Config:
         config = dataclasses.replace(config, sonars=sonars)
     for name, sonar in config.sonars.items() or [("", config)]:
         _check_sonar(sonar, f"sonars.{name}." if name else "", config, marks)
-    _check_distinct(config, marks)
+    if not marks.errors:  # what is refused has its default's value
+        _check_distinct(config, marks)
     marks.raise_errors()
     return config
 

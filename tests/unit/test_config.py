@@ -290,3 +290,9 @@ def test_record_settings_reach_their_section():
 def test_a_home_that_may_not_be_looked_into_is_no_error(tmp_path):
     environment = {"XDG_CONFIG_HOME": str(tmp_path / ("x" * 300))}  # as useless to any user
     assert Sources(system_file=tmp_path / "none", environment=environment).load() == Config()
+
+
+def test_an_address_that_is_refused_is_not_taken_for_its_default_too():
+    text = "sonars:\n  a: {}\n  b: {device: {address: 'foo:bar'}}\n"
+    [line] = errors_of(text)
+    assert "'foo:bar' is of unknown kind" in line

@@ -259,11 +259,11 @@ def test_a_pose_without_a_parent_is_no_transform():
 
 def test_a_reload_says_what_it_takes_and_what_it_cannot():
     old = parse_config(
-        b"sonars: {a: {}, b: {device: {address: 'sim:b'}}, c: {device: {address: x:c}}}"
+        b"sonars: {a: {}, b: {device: {address: 'sim:b'}}, c: {device: {address: 'sim:c'}}}"
     )
     new = parse_config(
         b"zenoh: {raw: true}\nsonars: {a: {temperature_c: 5, pose: {x_m: 1}},"
-        b" c: {device: {address: x:c}}, d: {device: {address: 'sim:d'}}}"
+        b" c: {device: {address: 'sim:c'}}, d: {device: {address: 'sim:d'}}}"
     )
     changes = compare(old, new)
     assert changes.said == (
@@ -280,7 +280,9 @@ def test_a_model_that_cannot_be_loaded_is_refused_before_anything_is_stopped(tmp
     (tmp_path / "m.safetensors").write_bytes(b"no model")
     for address in ("sim:x", "serial:/dev/x"):
         text = f"device: {{address: '{address}'}}\ndetector: {{model: '{tmp_path}/m.safetensors'}}"
-        with pytest.raises(ReloadError, match=r"ertis: detector\.model: .*m\.safetensors"):
+        with pytest.raises(
+            ReloadError, match=r"detector\.model of sonar 'ertis': .*m\.safetensors"
+        ):
             check_models(parse_config(text.encode()).each_sonar())
 
 

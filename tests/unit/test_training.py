@@ -301,7 +301,7 @@ def test_echoes_of_one_kind_make_no_model(heard, tmp_path, capsys, monkeypatch, 
     assert f"echoes of {only} in 4 pings, expected some of landmarks" in line
 
 
-def test_a_size_of_which_no_turn_is_known_is_named(heard, tmp_path, capsys):
+def test_a_size_of_which_no_turn_is_known_is_named(heard, tmp_path, capsys, monkeypatch):
     def half_known(truth):
         places = [dict(item) for item in truth["landmarks"]]
         for item in places:
@@ -309,7 +309,8 @@ def test_a_size_of_which_no_turn_is_known_is_named(heard, tmp_path, capsys):
                 del item["tilt_rad"]
         return truth | {"landmarks": places}
 
-    pings = [(words, half_known(truth)) for _, words, truth in heard * 2]
+    monkeypatch.setattr(training, "_LEAST_LANDMARKS", 5)
+    pings = [(words, half_known(truth)) for _, words, truth in heard]
     path = record(tmp_path / "turned.mcap", pings)
     line = refusal(capsys, str(path), "-o", str(tmp_path / "m"))
     assert "of r66 none of known turn is recognised" in line
