@@ -39,6 +39,11 @@ def split_address(address: str) -> tuple[str, str]:
     return kind, where
 
 
+def is_hardware(address: str) -> bool:
+    """Whether a sonar is there, rather than a recording or a simulation."""
+    return address.startswith(tuple(f"{kind}:" for kind in HARDWARE))
+
+
 def open_device(address: str, *, reconnect: bool = False, **options: Any) -> Sonar:
     """Open the sonar at ``kind:where``.
 
@@ -63,7 +68,7 @@ def open_device(address: str, *, reconnect: bool = False, **options: Any) -> Son
     """
     kind, where = split_address(address)
     name = KINDS[kind]
-    if reconnect and kind in HARDWARE:
+    if reconnect and is_hardware(address):
         name, where = "ertis_driver.reconnect:ReconnectingSonar", address
     module_name, _, factory_name = name.partition(":")
     try:

@@ -22,8 +22,7 @@ from ertis_daemon.yaml_nodes import (
 from ertis_driver.chirp import Chirp
 from ertis_driver.device import Settings
 from ertis_driver.errors import SettingsError
-
-HARDWARE = ("serial:", "usb:")
+from ertis_driver.open import is_hardware
 
 
 def build_config(node: yaml.Node | None, marks: Marks) -> Config:
@@ -101,7 +100,7 @@ def _check_distinct(config: Config, marks: Marks) -> None:
     for name, sonar in config.sonars.items():
         address = sonar.device.address
         other = seen.setdefault(address, name)
-        if other != name and address.startswith(HARDWARE):
+        if other != name and is_hardware(address):
             message = f"the same device.address as {other!r} has: give each its own"
             marks.add(f"sonars.{name}", message)
 

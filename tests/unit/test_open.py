@@ -2,7 +2,7 @@ import pytest
 
 from ertis_driver import open as opener
 from ertis_driver.errors import AddressError, DeviceNotFound, RecordingError
-from ertis_driver.open import open_device
+from ertis_driver.open import is_hardware, open_device
 from ertis_driver.replay_device import ReplayDevice
 
 
@@ -38,3 +38,11 @@ def test_errors_of_the_device_come_through(tmp_path):
         open_device(f"replay:{tmp_path / 'none.mcap'}")
     with pytest.raises(DeviceNotFound):
         open_device(f"serial:{tmp_path / 'none'}")
+
+
+@pytest.mark.parametrize(
+    ("address", "expected"),
+    [("serial:sn=1", True), ("usb:0483:5740", True), ("replay:serial:x", False), ("sim:x", False)],
+)
+def test_hardware_is_what_can_be_unplugged(address, expected):
+    assert is_hardware(address) is expected

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from ertis_daemon.acquisition import Pace, PingRequests
 from ertis_daemon.config import SonarConfig
-from ertis_daemon.config_read import HARDWARE
 from ertis_daemon.odometry import POSES_WAITING, Odometry
 from ertis_daemon.pipeline import Pipeline, build_pipeline
 from ertis_daemon.recording.recorder import Recorder
@@ -37,7 +36,7 @@ from ertis_driver.errors import (
     PingLost,
     UploadFailed,
 )
-from ertis_driver.open import open_device
+from ertis_driver.open import is_hardware, open_device
 from ertis_driver.recording import RecordingInfo
 
 if TYPE_CHECKING:
@@ -167,7 +166,7 @@ class SonarLife(threading.Thread):
             self._backoff.reset()
             self._wait(stop, "waiting", error, ABSENT_PAUSE_S)
         except TROUBLED as error:
-            if not self.config.device.address.startswith(HARDWARE):
+            if not is_hardware(self.config.device.address):
                 self._over("failed", stop, error)
                 return
             last_heard_s = self.status.heard_s[-1] if self.status.heard_s else -math.inf

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ertis_daemon.config import Config, SonarConfig
-from ertis_daemon.config_read import HARDWARE
 from ertis_driver.errors import ErtisError
+from ertis_driver.open import is_hardware
 
 if TYPE_CHECKING:
     from ertis_detector.detector import LandmarkDetector
@@ -91,7 +91,7 @@ def load_detector(sonar: SonarConfig) -> LandmarkDetector | None:
     from ertis_detector.model import load_model
 
     try:
-        if sonar.device.address.startswith(HARDWARE):
+        if is_hardware(sonar.device.address):
             return detector_for(sonar, sonar.settings())
         if sonar.detector.model:
             load_model(Path(sonar.detector.model))
