@@ -12,13 +12,19 @@ FUZZ_S ?= 60
 
 setup: $(STAMP)
 
+# A virtual environment knows its folder by name: where the folder is another now, it is made anew.
+ifneq "$(shell cat $(STAMP) 2>/dev/null)" "$(CURDIR)"
+.PHONY: $(STAMP)
+endif
+
 $(STAMP): pyproject.toml
+	@test ! -e $@ || test "$$(cat $@)" = "$(CURDIR)" || rm -rf $(VENV)
 	@test -x $(VENV)/bin/pip || $(PYTHON) -m venv $(VENV) || { \
 	  rm -rf $(VENV); \
 	  echo "no virtual environment: install python3-venv (apt install python3-venv), then try again" >&2; \
 	  exit 1; }
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	@touch $@
+	@printf '%s\n' "$(CURDIR)" > $@
 
 run: setup
 	@$(ERTIS) demo
