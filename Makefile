@@ -5,6 +5,8 @@ ERTIS := $(VENV)/bin/ertis
 STAMP := $(VENV)/.installed
 # Shipped models: chirp=random scenes of either seed to learn from=of the one to be calibrated on.
 MODELS := hyperbolic:80000:20000:0.0025=16000=8000 hyperbolic:50000:25000:0.0025=3000=3000
+# Pings of drives without a landmark: an hour at 7 Hz.
+DRIVEN := 25200
 FUZZ_TARGETS := parser firmware frame mcap raw
 FUZZ_S ?= 60
 
@@ -60,7 +62,11 @@ models: setup
 	  done; \
 	  $(ERTIS) train out/random-1.mcap out/random-2.mcap --calibrate out/random-3.mcap \
 	    -o detector/ertis_detector/models; \
-	done; rm -f out/random-*.mcap
+	  rm -f out/random-*.mcap out/drives.mcap; \
+	  $(ERTIS) simulate --drives --seed 4 -n $(DRIVEN) --chirp $$chirp -o out/drives.mcap; \
+	  model=detector/ertis_detector/models/$$(echo $$chirp | tr : _).safetensors; \
+	  $(ERTIS) calibrate --drives out/drives.mcap --model $$model -o $$model; \
+	done; rm -f out/drives.mcap
 
 # Lets the group dialout open the sonar, and names it /dev/ertis-SERIALNUMBER: sudo make udev
 udev:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ertis_daemon.drives import false_tracks
 from ertis_daemon.report.detector_data import FLOOR
 from ertis_daemon.training import first_chirp, name_of
 from ertis_daemon.training_reports import GREATEST_THRESHOLD, Reports, weights_of
@@ -23,11 +24,7 @@ from ertis_detector.model import (
     load_model,
     shipped_model,
 )
-from ertis_detector.recalibration import (
-    Recalibration,
-    applied,
-    fit_recalibration,
-)
+from ertis_detector.recalibration import Recalibration, fit_recalibration
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.errors import RecordingError
 
@@ -59,7 +56,7 @@ def calibrate(
     workers: int,
     progress: Callable[[int], None] = lambda pings: None,
 ) -> Calibrated:
-    """Fit slope and offset of a model's log odds to labelled recordings.
+    """Fit slope and offsets of a model's log odds to labelled recordings.
 
     The threshold moves along, so that what is reported of a single ping hardly changes. What
     changes is how sure it is said to be, which is what a tracker adds up, and the figures that it
@@ -91,18 +88,47 @@ def calibrate(
     weights, in_sight = weights_of(rows)
     logarithms = _logarithms(model, rows)
     truth = np.array([model.classes.index(label) for label in rows.labels])
-    law = fit_recalibration(logarithms, truth, landmark_mask(model.classes), weights)
+    law = fit_recalibration(logarithms, truth, model.classes, weights)
     if law.slope <= 0:
         raise RecordingError(
             f"the surer the model is here, the less it is right (slope {law.slope:.2f}): look at "
             "the labels' range_m and azimuth_deg, or train a model of your own"
         )
     before, elsewhere = _errors(rows, model, logarithms, truth, weights)
-    probabilities = applied(law, logarithms, landmark_mask(model.classes)).astype(np.float32)
+    probabilities = law.applied(logarithms, model.classes).astype(np.float32)
     reports = Reports(model.classes, probabilities, rows, weights)
-    card = _card(model.card, law, reports, source, name_of(rows, paths), in_sight)
+    card = _card(model.card, law, reports, source, name_of(rows.pings, paths), in_sight)
     made = replace(model, classifier=law.of(model.classifier), card=card)
     return Calibrated(made, law, before, elsewhere)
+
+
+def calibrate_tracker(
+    model: Model,
+    paths: Sequence[Path],
+    workers: int,
+    progress: Callable[[int], None] = lambda pings: None,
+) -> Model:
+    """The same model, its card telling how often a tracker falls for what is no landmark.
+
+    Parameters
+    ----------
+    paths : MCAP recordings of drives without a landmark in hearing
+
+    Raises
+    ------
+    RecordingError, DetectorError
+        See ``false_tracks``.
+    """
+    _, source = first_chirp(paths)
+    law, pings = false_tracks(paths, model, workers, progress)
+    old = model.card
+    card = replace(
+        old,
+        source=_sources(old.source, source),
+        data=f"{old.data}; drives without landmarks, {name_of(pings, paths)}",
+        tracking={**old.tracking, **law.figures()},
+    )
+    return replace(model, card=card)
 
 
 def _check(rows: TrainingRows, model: Model) -> None:
@@ -142,8 +168,8 @@ def _errors(
     landmark = landmark_mask(model.classes)
     better = np.zeros_like(logarithms)
     for known, unseen in folds(rows.groups):
-        law = fit_recalibration(logarithms[known], truth[known], landmark, weights[known])
-        better[unseen] = applied(law, logarithms[unseen], landmark)
+        law = fit_recalibration(logarithms[known], truth[known], model.classes, weights[known])
+        better[unseen] = law.applied(logarithms[unseen], model.classes)
 
     def error(probabilities: Float) -> float:
         sizes = np.where(landmark, probabilities, 0.0)
@@ -164,10 +190,14 @@ def _card(
     return replace(
         old,
         name=f"{old.name}-calibrated",
-        source="+".join(sorted({*old.source.split("+"), *source.split("+")})),
+        source=_sources(old.source, source),
         data=f"{old.data}; recalibrated on {data}",
         min_probability=least,
         in_sight=in_sight,
         figures=reports.figures(least),
         tracking={**tracking, "false_alarms_per_ping": alarms},
     )
+
+
+def _sources(one: str, other: str) -> str:
+    return "+".join(sorted({*one.split("+"), *other.split("+")}))

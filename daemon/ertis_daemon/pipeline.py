@@ -172,18 +172,17 @@ def detector_for(config: SonarConfig, settings: Settings) -> LandmarkDetector:
     DetectorError
         If the model cannot be read or does not fit the chirp.
     """
-    from ertis_detector.model import TRACKING_PROBABILITY
+    from ertis_detector.model import FOLLOWING_PROBABILITY
 
+    start = config.detector.min_probability or FOLLOWING_PROBABILITY
     return build_detector(
-        settings,
-        config.air,
-        config.detector.model,
-        config.detector.min_probability or TRACKING_PROBABILITY,
+        settings, config.air, config.detector.model, min(start, FOLLOWING_PROBABILITY)
     )
 
 
 def build_tracker(config: SonarConfig, settings: Settings, figures: Mapping[str, float]) -> Tracker:
     """Build the tracker for a configuration and the figures on a model's card."""
+    from ertis_detector.model import TRACKING_PROBABILITY
     from ertis_detector.rates import DetectorRates
     from ertis_detector.tracker import Tracker, TrackerSettings
 
@@ -196,6 +195,7 @@ def build_tracker(config: SonarConfig, settings: Settings, figures: Mapping[str,
         max_turn_rad_s=math.radians(own.max_turn_deg_s),
         max_silence_s=own.max_silence_s,
         max_unheard_s=own.max_unheard_s,
+        start_probability=config.detector.min_probability or TRACKING_PROBABILITY,
     )
     return Tracker(DetectorRates.from_figures(figures), asked)
 

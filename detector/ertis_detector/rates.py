@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ertis_detector.false_tracks import FalseTracks
+
 S_PER_HOUR = 3600.0
 # Two thousand pings without one false alarm say no more than this (95 %, Poisson).
 _LEAST_FALSE_ALARMS = 1.5e-3
@@ -25,12 +27,15 @@ class DetectorRates:
         Part of landmarks in sight that one ping reports.
     clutter_per_ping : float
         Echoes a ping that are no landmark and might have been reported.
+    false_tracks : FalseTracks or None
+        What drives without a landmark gave; None if nobody drove.
     """
 
     false_alarms_per_ping: float = 0.2
     precision: float = 0.7
     found: float = 0.5
     clutter_per_ping: float = 4.0
+    false_tracks: FalseTracks | None = None
 
     @classmethod
     def from_figures(cls, figures: Mapping[str, float]) -> DetectorRates:
@@ -51,6 +56,7 @@ class DetectorRates:
             _known(min(max(precision, 0.05), 0.999), own.precision),
             _known(min(max(found, 0.05), 0.99), own.found),
             _known(max(per_ping, _LEAST_CLUTTER), own.clutter_per_ping),
+            FalseTracks.from_figures(figures),
         )
 
     @property

@@ -13,7 +13,9 @@ import numpy as np
 
 from ertis_detector.association import assign
 from ertis_detector.detection import Detection
+from ertis_detector.false_tracks import FalseTracks
 from ertis_detector.followed import Followed
+from ertis_detector.model import TRACKING_PROBABILITY
 from ertis_detector.motion import Motion
 from ertis_detector.place import Measured
 from ertis_detector.rates import S_PER_HOUR, DetectorRates
@@ -23,6 +25,7 @@ log = logging.getLogger(__name__)
 
 MAX_FOLLOWED = 24  # announced or not; a detector proposes eight a ping
 MAX_TAKEN = 16  # detections of one ping, the most probable first
+_FOR_SIZES = 0.2  # of the false events allowed; a size is soon sure
 _SILENT = math.log(0.05)  # so improbable a silence ends a track
 _GIVEN_UP = math.log(1e-3)  # so improbable a landmark is not followed further
 _WITHDRAWN = math.log(0.1)  # an announced one so improbable is lost
@@ -44,7 +47,7 @@ class TrackerSettings:
     """What is asked of a tracker, and how the sensor may move.
 
     max_false_events_per_hour : float
-        Half of it for what is no landmark, half for landmarks of another size.
+        Four fifths of it for what is no landmark, the rest for landmarks of another size.
     landmarks_per_hour : float
         Landmarks met; of so many the wrong sizes are counted.
     ping_rate_hz : float
@@ -55,6 +58,8 @@ class TrackerSettings:
         A landmark in view and not heard is kept for so long at least.
     max_unheard_s : float
         A landmark out of view is kept for so long at most.
+    start_probability : float
+        Of a landmark, from which on a detection that is of nothing followed is followed.
     """
 
     max_false_events_per_hour: float = 1.0
@@ -64,21 +69,25 @@ class TrackerSettings:
     max_turn_rad_s: float = math.radians(60.0)
     max_silence_s: float = 1.5
     max_unheard_s: float = 10.0
+    start_probability: float = TRACKING_PROBABILITY
 
     def least_existence(self, rates: DetectorRates) -> float:
         """Log-likelihood ratio from which a landmark is announced.
 
-        Each false alarm starts a track at most. A likelihood ratio of what is no landmark ever
+        Which drives without a landmark have shown to be passed so seldom. If nobody drove: each
+        false alarm starts a track at most, and a likelihood ratio of what is no landmark ever
         exceeds A with probability 1 / A at most (Ville 1939), however long it is followed; so of
-        N false alarms an hour N / A are announced at most.
+        N false alarms N / A are announced at most.
         """
-        alarms = rates.false_alarms_per_ping * self.ping_rate_hz * S_PER_HOUR
-        return max(math.log(alarms / (self.max_false_events_per_hour / 2)), 0.0)
+        allowed = (1.0 - _FOR_SIZES) * self.max_false_events_per_hour
+        per_ping = allowed / (self.ping_rate_hz * S_PER_HOUR)
+        law = rates.false_tracks or FalseTracks(rates.false_alarms_per_ping, 1.0)
+        return max(law.level(per_ping), 0.0)
 
     @property
     def least_size_probability(self) -> float:
         """Probability from which a size is announced; a wrong one is a false event, too."""
-        wrong = self.max_false_events_per_hour / 2 / self.landmarks_per_hour
+        wrong = _FOR_SIZES * self.max_false_events_per_hour / self.landmarks_per_hour
         return 1.0 - min(wrong, 0.5)
 
 
@@ -108,6 +117,11 @@ class Tracker:
         self._next_id = 1
         self._time_ns: int | None = None
 
+    @property
+    def followed(self) -> tuple[Followed, ...]:
+        """Landmarks and what may turn out to be none, announced or not."""
+        return tuple(self._followed)
+
     def update(
         self,
         detections: Sequence[Detection],
@@ -119,6 +133,7 @@ class Tracker:
         Parameters
         ----------
         detections : of one ping, most probable first
+            Less probable ones than ``start_probability`` are taken for what is followed already.
         ping_time_ns : int
             If it goes backwards (a recording played again, a clock set), all tracks end.
         motion : Motion or None
@@ -173,7 +188,7 @@ class Tracker:
         measured = [(one, Measured(one)) for one in detections]
         worth = np.array([[one.worth(*d, self._field) for d in measured] for one in followed])
         pairs = assign(worth.reshape(len(followed), len(detections)))
-        heard, taken = [], set()
+        heard, taken, start = [], set(), self._settings.start_probability
         for row, column in pairs:
             followed[row].hear(*measured[column], now_ns, self._field)
             heard.append(followed[row])
@@ -181,8 +196,8 @@ class Tracker:
         for row in set(range(len(followed))) - {row for row, _ in pairs}:
             followed[row].miss(self._field)
         for column, detection in enumerate(detections):
-            if column not in taken:
-                heard.append(Followed(detection, now_ns, self._rates))
+            if column not in taken and detection.landmark_probability >= start:
+                heard.append(Followed(detection, now_ns, self._rates, start))
                 self._followed.append(heard[-1])
         return heard
 

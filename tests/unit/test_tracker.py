@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -19,6 +20,12 @@ def seen(range_m=1.5, azimuth_deg=0.0, label="r48", p=0.99):
     rest = (1.0 - p) / 5
     told = {name: p if name == label else rest for name in (*SIZES, "none", "unknown")}
     return Detection(label, told, range_m, math.radians(azimuth_deg), 0.0, COVARIANCE, 25.0, 0.2)
+
+
+def weak(range_m=1.5, p=0.3):
+    """A landmark with probability 0.3, else nothing."""
+    sure = seen(range_m)
+    return dataclasses.replace(sure, probabilities={"r48": p, "none": 1.0 - p, "unknown": 0.0})
 
 
 def states(tracks):
@@ -107,8 +114,38 @@ def test_the_threshold_is_the_alarms_an_hour_over_those_allowed():
     often = DetectorRates(false_alarms_per_ping=0.1)
     more = settings.least_existence(often) - settings.least_existence(rare)
     assert more == pytest.approx(math.log(10.0))
-    assert settings.least_existence(rare) == pytest.approx(math.log(360.0))
-    assert settings.least_size_probability == pytest.approx(1 - 1 / 60)
+    # Four fifths of what is allowed is for what is no landmark.
+    assert settings.least_existence(rare) == pytest.approx(math.log(360.0 / 1.6))
+    assert settings.least_size_probability == pytest.approx(1 - 0.4 / 60)
+
+
+def test_a_less_probable_detection_starts_nothing_and_is_no_silence_of_what_is_followed():
+    tracker = Tracker(GOOD)
+    assert tracker.update([weak()], 0) == []
+    assert tracker.followed == ()
+    believed = {}
+    for name, second in (("weakly heard", [weak()]), ("silent", [])):
+        tracker = Tracker(GOOD)
+        tracker.update([seen(p=0.99)], 0)
+        tracker.update(second, PERIOD_NS)
+        (one,) = tracker.followed
+        believed[name] = one.evidence.existence
+        assert (one.silence < 0.0) == (name == "silent")
+    assert believed["weakly heard"] > believed["silent"] + 1.0
+
+
+def test_a_less_probable_detection_elsewhere_is_not_taken_for_what_is_followed():
+    tracker = Tracker(GOOD)
+    tracker.update([seen(1.5, p=0.99)], 0)
+    tracker.update([weak(1.9)], PERIOD_NS)
+    (one,) = tracker.followed
+    assert one.silence < 0.0
+
+
+def test_where_tracks_start_is_asked_for():
+    tracker = Tracker(GOOD, TrackerSettings(start_probability=0.3))
+    tracker.update([weak(p=0.31)], 0)
+    assert len(tracker.followed) == 1
 
 
 def test_sizes_that_contradict_each_other_are_not_announced():

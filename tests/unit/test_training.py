@@ -4,24 +4,27 @@ import contextlib
 import dataclasses
 import hashlib
 import io
+import itertools
 import json
+import math
 
 import numpy as np
 import pytest
 
-from ertis_daemon import calibrating, training
+from ertis_daemon import calibrating, drives, training
 from ertis_daemon.cli import main
 from ertis_daemon.pipeline import build_detector
 from ertis_detector.air import Air
 from ertis_detector.detection import NONE
-from ertis_detector.model import load_model, shipped_model
+from ertis_detector.false_tracks import FalseTracks
+from ertis_detector.model import load_model, save_model, shipped_model
 from ertis_detector.recalibration import Recalibration
 from ertis_driver.audio import PdmDecoder
 from ertis_driver.chirp import DEFAULT_CHIRP, INCUMBENT_CHIRP
 from ertis_driver.dataset import open_dataset
 from ertis_driver.device import Settings
 from ertis_driver.frame import PdmFrame
-from ertis_driver.recording import RecordingInfo, RecordingWriter
+from ertis_driver.recording import RecordingInfo, RecordingWriter, open_recording
 from ertis_simulator.clutter import Clutter
 from ertis_simulator.landmark import Dish
 from ertis_simulator.room import Room
@@ -319,3 +322,92 @@ def test_a_size_of_which_no_turn_is_known_is_named(heard, tmp_path, capsys, monk
 def test_too_few_landmarks_are_told_by_number(heard, tmp_path, capsys):
     path = record(tmp_path / "few.mcap", [(words, truth) for _, words, truth in heard[:24]])
     assert "expected 20 or more" in refusal(capsys, str(path), "-o", str(tmp_path / "m"))
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """Simulated drives without a landmark."""
+    path = tmp_path_factory.mktemp("driven") / "drives.mcap"
+    assert main(["simulate", "--drives", "-n", "60", "-j", "2", "-o", str(path)]) == 0
+    return path
+
+
+def test_drives_go_on_through_rooms_without_a_landmark(driven):
+    pings = list(open_recording(driven))
+    assert all(not ping.truth["landmarks"] and not ping.truth["decoys"] for ping in pings)
+    scenes = [ping.truth["scene"] for ping in pings]
+    assert scenes[0] == "drive 1/0"
+    assert 2 <= len(set(scenes)) <= 4
+    for before, after in itertools.pairwise(pings):
+        step_s = (after.frame.ping_time_ns - before.frame.ping_time_ns) / 1e9
+        poses = [ping.truth["pose"] for ping in (before, after)]
+        gone_m = math.hypot(*(poses[1][name] - poses[0][name] for name in ("x_m", "y_m")))
+        if before.truth["scene"] == after.truth["scene"]:
+            assert step_s == pytest.approx(1 / 7)
+            assert gone_m == pytest.approx(0.5 / 7, rel=0.01)
+        else:
+            assert step_s > 60.0
+
+
+def test_drives_tell_a_model_how_seldom_its_tracks_are_false(driven, tmp_path, capsys, monkeypatch):
+    fifty = np.linspace(-3.0, 2.0, 50).tolist()  # so short a drive meets a thing or two
+    monkeypatch.setattr(drives, "peaks", lambda drive, tracker: fifty if list(drive) else [])
+    path = tmp_path / "m.safetensors"
+    assert main(["calibrate", "--drives", str(driven), "-o", str(path), "--workers", "1"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    before, after = load_model(shipped_model(DEFAULT_CHIRP.name)), load_model(path)
+    np.testing.assert_array_equal(after.classifier.coupling, before.classifier.coupling)
+    law = FalseTracks.from_figures(after.card.tracking)
+    assert law is not None
+    assert said["false_tracks_fade"] == law.fade
+    assert after.card.figures == before.card.figures
+    assert "drives without landmarks, 60 pings: recording sha256 " in after.card.data
+
+
+def test_a_model_calibrated_anew_forgets_drives_that_it_heard_otherwise(here, taught, tmp_path):
+    before = load_model(taught[1])
+    tracking = {**before.card.tracking, **FalseTracks(0.01, 0.6).figures()}
+    path = tmp_path / "m.safetensors"
+    save_model(
+        dataclasses.replace(before, card=dataclasses.replace(before.card, tracking=tracking)), path
+    )
+    made = calibrating.calibrate([here], path, 1).model
+    assert FalseTracks.from_figures(made.card.tracking) is None
+
+
+def test_drives_end_where_another_scene_begins_or_nothing_is_heard_or_time_goes_back():
+    def ping(number, time_s, scene="a"):
+        return drives._Ping(number, round(time_s * 1e9), [], scene, None)
+
+    told = [
+        ping(0, 0.0),
+        ping(1, 1.0),
+        ping(2, 9.0),
+        ping(3, 9.5),
+        ping(4, 9.6, "b"),
+        ping(5, 1.0, "b"),
+    ]
+    parts = [[one.number for one in drive] for drive in drives._drives(told)]
+    assert parts == [[0, 1], [2, 3], [4], [5]]
+
+
+@pytest.mark.parametrize(
+    "pose", [None, {}, {"x_m": 1.0}, {"x_m": 1, "y_m": math.nan, "yaw_rad": 0}]
+)
+def test_a_pose_that_is_none_counts_as_unknown(pose):
+    assert drives._pose(pose) is None
+
+
+def test_drives_that_say_nothing_are_refused(recording, driven, taught, tmp_path, capsys):
+    out = ("-o", str(tmp_path / "m"))
+    line = refusal(capsys, *out, command="calibrate")
+    assert line == "ertis: nothing to calibrate with: name labelled recordings, or --drives"
+    line = refusal(capsys, "--drives", str(recording), *out, command="calibrate")
+    assert "taught.mcap: ping 0 has a landmark in it, expected drives without any" in line
+    line = refusal(capsys, "--drives", str(driven), *out, command="calibrate")
+    assert "expected 40: drive for longer" in line
+    other = blind(tmp_path / "other.mcap", INCUMBENT_CHIRP)
+    with_ours = ("--model", str(shipped_model(DEFAULT_CHIRP.name)))
+    line = refusal(capsys, "--drives", other, *with_ours, *out, command="calibrate")
+    assert f"was trained for chirp {DEFAULT_CHIRP.name}" in line
+    assert not (tmp_path / "m").exists()

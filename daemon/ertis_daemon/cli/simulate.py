@@ -6,6 +6,9 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Iterator
+from functools import lru_cache
+from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +19,13 @@ if TYPE_CHECKING:
     from ertis_driver.chirp import Chirp
     from ertis_simulator.scene import Scene
 
-    Job = tuple[Scene | tuple[int, int], int, str]
+    # A scene, or seed and number of a random one or of a drive; the ping of it; the chirp.
+    Job = tuple[Scene | tuple[str, int, int], int, str]
 
 _DEFAULT_PINGS = 10
+_NS = 1_000_000_000
+_PERIOD_NS = _NS // 10
+_BETWEEN_DRIVES_NS = 60 * _NS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("scene", nargs="?", type=Path, help="YAML scene to play")
     what.add_argument(
         "--random", action="store_true", help="a new random scene for each ping, to train on"
+    )
+    what.add_argument(
+        "--drives",
+        action="store_true",
+        help="drives through random rooms without a landmark, to calibrate a tracker with",
     )
     what.add_argument(
         "--dataset",
@@ -75,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError(
             f"--variant {args.variant} without --dataset: variants are of data sets"
         )
-    if args.output is None and (args.plot is None or args.random):
+    if args.output is None and (args.plot is None or not args.scene):
         raise SettingsError("nothing to make: name a recording with -o, or a picture with --plot")
     if args.plot is not None:
         _plot(args, chirp)
@@ -132,7 +144,7 @@ def _record(args: argparse.Namespace, chirp: Chirp) -> None:
     from ertis_driver.recording import RecordingInfo, RecordingWriter
 
     num_pings = _num_pings(args)
-    jobs = _jobs(args, chirp, num_pings)
+    jobs, times_ns = zip(*_jobs(args, chirp, num_pings), strict=True)
     info = RecordingInfo("sim", chirp, DEFAULT_NUM_WORDS, address=_address(args))
     if args.output.exists():
         raise RecordingError(f"{args.output} exists: name another file, or remove it")
@@ -146,10 +158,8 @@ def _record(args: argparse.Namespace, chirp: Chirp) -> None:
             get_context("spawn").Pool(_workers(args)) as pool,
         ):
             for index, (words, truth) in enumerate(pool.imap(_hear, jobs, chunksize=4)):
-                # No clock ran: 10 pings a second from the epoch, so that the file is reproducible.
-                frame = PdmFrame(words, index, index * 100_000_000)
                 air = {name: truth[name] for name in ("temperature_c", "humidity_percent")}
-                writer.write(frame, truth, **air)
+                writer.write(PdmFrame(words, index, times_ns[index]), truth, **air)
                 _show(index + 1, num_pings)
         part.replace(args.output)
     finally:
@@ -180,16 +190,42 @@ def _workers(args: argparse.Namespace) -> int:
 
 
 def _address(args: argparse.Namespace) -> str:
-    return f"random seed {args.seed}" if args.random else f"sim:{args.scene.name}"
+    if args.scene is not None:
+        return f"sim:{args.scene.name}"
+    return f"{'random' if args.random else 'drives'} seed {args.seed}"
 
 
-def _jobs(args: argparse.Namespace, chirp: Chirp, num_pings: int) -> list[Job]:
+def _jobs(args: argparse.Namespace, chirp: Chirp, num_pings: int) -> Iterator[tuple[Job, int]]:
+    """Pings, and when they are heard.
+
+    No clock ran: that is counted from the epoch on, so that the file is reproducible.
+    """
     from ertis_simulator.scene_file import load_scene
 
-    if args.random:
-        return [((args.seed, index), 0, chirp.name) for index in range(num_pings)]
-    scene = load_scene(args.scene)
-    return [(scene, index, chirp.name) for index in range(num_pings)]
+    if args.drives:
+        yield from islice(_drives(args.seed, chirp), num_pings)
+        return
+    scene = None if args.random else load_scene(args.scene)
+    for index in range(num_pings):
+        job = ("random", args.seed, index), 0
+        yield (*(job if scene is None else (scene, index)), chirp.name), index * _PERIOD_NS
+
+
+def _drives(seed: int, chirp: Chirp) -> Iterator[tuple[Job, int]]:
+    start_ns = 0
+    for number in count():
+        scene, num_pings = _drive(seed, number)
+        period_ns = round(scene.ping_period_s * _NS)
+        for index in range(num_pings):
+            yield (("drive", seed, number), index, chirp.name), start_ns + index * period_ns
+        start_ns += num_pings * period_ns + _BETWEEN_DRIVES_NS
+
+
+@lru_cache(maxsize=1)
+def _drive(seed: int, number: int) -> tuple[Scene, int]:
+    from ertis_simulator.drives import random_drive
+
+    return random_drive(seed, number)
 
 
 def _hear(job: Job) -> tuple[npt.NDArray[np.uint32], dict[str, Any]]:
@@ -199,7 +235,15 @@ def _hear(job: Job) -> tuple[npt.NDArray[np.uint32], dict[str, Any]]:
     from ertis_simulator.dataset import random_scene
 
     scene, index, chirp_name = job
+    told = {}
     if isinstance(scene, tuple):
-        scene = random_scene(*scene)
+        kind, seed, number = scene
+        if kind == "drive":
+            scene = _drive(seed, number)[0]
+            pose = scene.pose(index)
+            x_m, y_m, _ = pose.position_m
+            told = {"pose": {"x_m": x_m, "y_m": y_m, "yaw_rad": pose.yaw_rad}}
+        else:
+            scene = random_scene(seed, number)
     samples = Chirp.parse(chirp_name).samples(AUDIO_RATE_HZ)
-    return scene.hear(index, DEFAULT_NUM_WORDS, samples), scene.truth(index)
+    return scene.hear(index, DEFAULT_NUM_WORDS, samples), {**scene.truth(index), **told}
