@@ -3,10 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 ERTIS := $(VENV)/bin/ertis
 STAMP := $(VENV)/.installed
-# Shipped models: chirp=random scenes of either seed to learn from=of the one to be calibrated on.
-MODELS := hyperbolic:80000:20000:0.0025=16000=8000 hyperbolic:50000:25000:0.0025=3000=3000
-# Pings of drives without a landmark: an hour at 7 Hz.
-DRIVEN := 25200
+# Shipped models: chirp=random scenes of either seed to learn from=of the one to be calibrated on=
+# pings of drives without a landmark, 25200 an hour; 0 for none.
+MODELS := hyperbolic:80000:20000:0.0025=16000=8000=25200 hyperbolic:50000:25000:0.0025=3000=3000=0
 FUZZ_TARGETS := parser firmware frame mcap raw
 FUZZ_S ?= 60
 
@@ -55,18 +54,19 @@ fuzz: setup
 models: setup
 	mkdir -p out
 	set -e; for made in $(MODELS); do \
-	  chirp=$${made%%=*}; scenes=$${made#*=}; rm -f out/random-*.mcap; \
+	  set -- $$(echo $$made | tr = ' '); chirp=$$1 learnt=$$2 kept=$$3 driven=$$4; \
+	  rm -f out/random-*.mcap out/drives.mcap; \
 	  for seed in 1 2 3; do \
-	    case $$seed in 3) n=$${scenes#*=};; *) n=$${scenes%=*};; esac; \
+	    case $$seed in 3) n=$$kept;; *) n=$$learnt;; esac; \
 	    $(ERTIS) simulate --random --seed $$seed -n $$n --chirp $$chirp -o out/random-$$seed.mcap; \
 	  done; \
 	  $(ERTIS) train out/random-1.mcap out/random-2.mcap --calibrate out/random-3.mcap \
 	    -o detector/ertis_detector/models; \
-	  rm -f out/random-*.mcap out/drives.mcap; \
-	  $(ERTIS) simulate --drives --seed 4 -n $(DRIVEN) --chirp $$chirp -o out/drives.mcap; \
+	  test $$driven = 0 && continue; rm -f out/random-*.mcap; \
+	  $(ERTIS) simulate --drives --seed 4 -n $$driven --chirp $$chirp -o out/drives.mcap; \
 	  model=detector/ertis_detector/models/$$(echo $$chirp | tr : _).safetensors; \
 	  $(ERTIS) calibrate --drives out/drives.mcap --model $$model -o $$model; \
-	done; rm -f out/drives.mcap
+	done; rm -f out/random-*.mcap out/drives.mcap
 
 # Lets the group dialout open the sonar, and names it /dev/ertis-SERIALNUMBER: sudo make udev
 udev:

@@ -27,7 +27,7 @@ from ertis_driver.device import Settings
 from ertis_driver.errors import RecordingError
 from ertis_driver.recording import open_recording
 
-_PARTS = 16  # a recording is read in so many turns
+_PARTS = 8  # a recording is read in so many turns
 _PAUSE_NS = 5_000_000_000  # longer, and another drive begins
 
 

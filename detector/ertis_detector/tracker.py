@@ -79,10 +79,14 @@ class TrackerSettings:
         exceeds A with probability 1 / A at most (Ville 1939), however long it is followed; so of
         N false alarms N / A are announced at most.
         """
-        allowed = (1.0 - _FOR_SIZES) * self.max_false_events_per_hour
-        per_ping = allowed / (self.ping_rate_hz * S_PER_HOUR)
+        per_ping = self.false_tracks_per_hour / (self.ping_rate_hz * S_PER_HOUR)
         law = rates.false_tracks or FalseTracks(rates.false_alarms_per_ping, 1.0)
         return max(law.level(per_ping), 0.0)
+
+    @property
+    def false_tracks_per_hour(self) -> float:
+        """Of what is no landmark, that may be announced."""
+        return (1.0 - _FOR_SIZES) * self.max_false_events_per_hour
 
     @property
     def least_size_probability(self) -> float:

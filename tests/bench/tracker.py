@@ -75,7 +75,7 @@ def landmark_free(
     bound = chi2.ppf(0.975, 2 * (events + 1)) / 2 / driven_h
     print(
         f"  no landmark in {driven_h:.1f} h: {events} events, {events / driven_h:.2f} an hour, "
-        f"at most {bound:.2f} (95 %); allowed {settings.max_false_events_per_hour / 2:g}; "
+        f"at most {bound:.2f} (95 %); allowed {settings.false_tracks_per_hour:g}; "
         f"{1e3 * spent_s / pings:.2f} ms a ping"
     )
 
