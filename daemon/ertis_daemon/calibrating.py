@@ -30,6 +30,7 @@ from ertis_driver.errors import RecordingError
 
 _LEAST_PINGS, _LEAST_EACH = 200, 20
 _LEAST_PROBABILITY = 1e-9
+_DRIVES = "; drives without landmarks, "  # last in a card's ``data``
 _RULE_OF_THREE = 3.0  # events that none having been seen may still hide (Poisson, 95 %)
 
 Float = npt.NDArray[np.float64]
@@ -125,7 +126,7 @@ def calibrate_tracker(
     card = replace(
         old,
         source=_sources(old.source, source),
-        data=f"{old.data}; drives without landmarks, {name_of(pings, paths)}",
+        data=f"{_undriven(old)}{_DRIVES}{name_of(pings, paths)}",
         tracking={**old.tracking, **law.figures()},
     )
     return replace(model, card=card)
@@ -191,12 +192,17 @@ def _card(
         old,
         name=f"{old.name}-calibrated",
         source=_sources(old.source, source),
-        data=f"{old.data}; recalibrated on {data}",
+        data=f"{_undriven(old)}; recalibrated on {data}",
         min_probability=least,
         in_sight=in_sight,
         figures=reports.figures(least),
         tracking={**tracking, "false_alarms_per_ping": alarms},
     )
+
+
+def _undriven(card: ModelCard) -> str:
+    """What a model was made of, but for drives: another law makes them meaningless."""
+    return card.data.partition(_DRIVES)[0]
 
 
 def _sources(one: str, other: str) -> str:

@@ -99,7 +99,7 @@ class DetectorConfig:
 
     model: str = option("", "model file; empty for the shipped one that fits the chirp")
     min_probability: float = option(
-        0.0, "a landmark less probable is not reported; 0: the model's own", low=0, high=1
+        0.0, "an echo less probably a landmark starts no track; 0: 0.5", low=0, high=1
     )
 
 

@@ -174,10 +174,8 @@ def detector_for(config: SonarConfig, settings: Settings) -> LandmarkDetector:
     """
     from ertis_detector.model import FOLLOWING_PROBABILITY
 
-    start = config.detector.min_probability or FOLLOWING_PROBABILITY
-    return build_detector(
-        settings, config.air, config.detector.model, min(start, FOLLOWING_PROBABILITY)
-    )
+    least = min(config.detector.min_probability or 1.0, FOLLOWING_PROBABILITY)
+    return build_detector(settings, config.air, config.detector.model, least)
 
 
 def build_tracker(config: SonarConfig, settings: Settings, figures: Mapping[str, float]) -> Tracker:

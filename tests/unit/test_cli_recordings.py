@@ -152,3 +152,13 @@ def test_a_recording_cut_short_is_refused_in_one_line_after_what_is_whole(
     assert len(captured.out.splitlines()) == 1
     assert len(captured.err.splitlines()) == 1
     assert "cut.mcap" in captured.err
+
+
+@pytest.mark.parametrize("kind", ["--random", "--drives"])
+def test_a_picture_is_of_a_scene_and_a_recording_has_a_name(kind, tmp_path, capsys):
+    out, picture = tmp_path / "r.mcap", tmp_path / "p.png"
+    assert main(["simulate", kind, "-o", str(out), "--plot", str(picture)]) == 1
+    assert error_of(capsys).startswith("ertis: --plot draws a scene of yours: ")
+    assert main(["simulate", kind]) == 1
+    assert error_of(capsys).startswith("ertis: nothing to make: ")
+    assert list(tmp_path.iterdir()) == []

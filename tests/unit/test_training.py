@@ -361,18 +361,21 @@ def test_drives_tell_a_model_how_seldom_its_tracks_are_false(driven, tmp_path, c
     assert law is not None
     assert said["false_tracks_fade"] == law.fade
     assert after.card.figures == before.card.figures
-    assert "drives without landmarks, 60 pings: recording sha256 " in after.card.data
+    of_others, of_drives = after.card.data.split("; drives without landmarks, ")
+    assert before.card.data.startswith(of_others)
+    assert of_drives.startswith("60 pings: recording sha256 ")
 
 
 def test_a_model_calibrated_anew_forgets_drives_that_it_heard_otherwise(here, taught, tmp_path):
     before = load_model(taught[1])
     tracking = {**before.card.tracking, **FalseTracks(0.01, 0.6).figures()}
+    data = f"{before.card.data}; drives without landmarks, 9 pings: x"
+    card = dataclasses.replace(before.card, tracking=tracking, data=data)
     path = tmp_path / "m.safetensors"
-    save_model(
-        dataclasses.replace(before, card=dataclasses.replace(before.card, tracking=tracking)), path
-    )
+    save_model(dataclasses.replace(before, card=card), path)
     made = calibrating.calibrate([here], path, 1).model
     assert FalseTracks.from_figures(made.card.tracking) is None
+    assert made.card.data.startswith(f"{before.card.data}; recalibrated on ")
 
 
 def test_drives_end_where_another_scene_begins_or_nothing_is_heard_or_time_goes_back():

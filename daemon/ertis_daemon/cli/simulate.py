@@ -87,7 +87,9 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError(
             f"--variant {args.variant} without --dataset: variants are of data sets"
         )
-    if args.output is None and (args.plot is None or not args.scene):
+    if args.plot is not None and args.scene is None:
+        raise SettingsError("--plot draws a scene of yours: name its file, or leave --plot out")
+    if args.output is None and args.plot is None:
         raise SettingsError("nothing to make: name a recording with -o, or a picture with --plot")
     if args.plot is not None:
         _plot(args, chirp)
