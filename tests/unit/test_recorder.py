@@ -287,6 +287,33 @@ def test_the_oldest_recordings_make_room_on_a_disk_that_is_nearly_full(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["s-20260102T000000.000Z-new.mcap"]
 
 
+@pytest.mark.parametrize(
+    ("max_bytes", "keep_free", "told"),
+    [
+        (1_000_000, 0, "this recording may need 2 MB, record.folder_mb allows 1"),
+        (10**9, 10**18, "record.keep_free_mb"),
+    ],
+)
+def test_where_no_removal_makes_room_nothing_is_removed(tmp_path, max_bytes, keep_free, told):
+    names = [f"s-2026010{day}T000000.000Z-new.mcap" for day in (1, 2)]
+    for name in names:
+        write(tmp_path, name, 1000)
+    folder = RecordingFolder(str(tmp_path), "s", max_bytes, keep_free)
+    with pytest.raises(NoRoom, match=re.escape(told)):
+        folder.make_room(folder.new_path("new"), 2_000_000)
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+def test_a_recording_for_whose_first_pings_there_is_no_room_costs_no_older_one(make, tmp_path):
+    old = "s-20260101T000000.000Z-new.mcap"
+    write(tmp_path / "rec", old, 1000)
+    recorder = make(before_s=5.0, after_s=0.0, folder_mb=2)  # 15 frames of 131 kB
+    recorder.heard(frame(0))
+    recorder.trigger("new")
+    wait_for(lambda: recorder._status.recordings_failed == 1)
+    assert [path.name for path in (tmp_path / "rec").iterdir()] == [old]
+
+
 def test_recordings_of_a_clock_that_was_ahead_make_room_as_well(tmp_path):
     for day in range(1, 5):
         write(tmp_path, f"s-2096010{day}T000000.000Z-new.mcap", 1000)

@@ -74,8 +74,8 @@ class RecordingFolder:
     def make_room(self, path: Path, num_bytes: int) -> None:
         """Remove this sonar's oldest recordings until ``num_bytes`` more fit beside ``path``.
 
-        The folder is made if it is not there. All of this may take as long as a network's disk
-        takes to answer.
+        None goes if all of them would not do. The folder is made if it is not there. All of this
+        may take as long as a network's disk takes to answer.
 
         Raises
         ------
@@ -99,28 +99,27 @@ class RecordingFolder:
             for file in sorted(path.parent.iterdir())  # by name is by time
             if self._ours.fullmatch(file.name)
         }
-        total = sum(sizes.values()) + num_bytes
-        for file, size in sizes.items():
-            enough = total <= self._max_bytes and self._free(path.parent) >= num_bytes
-            if enough:
-                break
-            if file == path:  # not the newest by name if the clock was set back
-                continue
-            log.info("%s is removed, to make room", file)
-            file.unlink(missing_ok=True)
-            total -= size
-        if total > self._max_bytes:
+        needed = sizes.pop(path, 0) + num_bytes  # not the newest by name if the clock was set back
+        if needed > self._max_bytes:
             raise NoRoom(
-                f"{path.parent}: {total / MEGABYTE:.0f} MB of recordings of {self._name}, expected "
-                f"{self._max_bytes / MEGABYTE:.0f} or less (record.folder_mb)"
+                f"{path.parent}: this recording may need {-(-needed // MEGABYTE)} MB, "
+                f"record.folder_mb allows {self._max_bytes // MEGABYTE}"
             )
-        free = self._free(path.parent)
+        disk = os.statvfs(path.parent)
+        free = disk.f_bavail * disk.f_frsize - self._keep_free_bytes
+        total = sum(sizes.values()) + needed
+        removed = []
+        for file, size in sizes.items():
+            if total <= self._max_bytes and free >= num_bytes:
+                break
+            removed.append(file)
+            total, free = total - size, free + size
         if free < num_bytes:
             raise NoRoom(
-                f"{path.parent}: the disk would have less than "
-                f"{self._keep_free_bytes / MEGABYTE:.0f} MB free (record.keep_free_mb)"
+                f"{path.parent}: this recording may need {-(-num_bytes // MEGABYTE)} MB; even with "
+                f"{self._name}'s older ones gone, the disk would have less than "
+                f"{self._keep_free_bytes // MEGABYTE} MB free (record.keep_free_mb)"
             )
-
-    def _free(self, folder: Path) -> int:
-        disk = os.statvfs(folder)
-        return disk.f_bavail * disk.f_frsize - self._keep_free_bytes
+        for file in removed:
+            log.info("%s is removed, to make room", file)
+            file.unlink(missing_ok=True)

@@ -245,13 +245,14 @@ class Recorder(Closing):
 
     def _write(self, recording: _Recording) -> None:
         size = 4 * recording.info.num_words
-        self._folder.make_room(recording.path, size * (len(recording.frames) + 1))
+        # The first pings at once: no older recording goes for one that does not come to be.
+        self._folder.make_room(recording.path, size * max(len(recording.frames) + 1, SPARE_FRAMES))
         schema = dump_json(json_schema())
         writer = RecordingWriter(recording.path, recording.info, event_schema=schema)
         try:
             with writer:
                 while (frame := self._next(recording)) is not None:
-                    if writer.pings_written % SPARE_FRAMES == 0:
+                    if writer.pings_written and writer.pings_written % SPARE_FRAMES == 0:
                         self._folder.make_room(recording.path, SPARE_FRAMES * size)
                     writer.write(frame)
                 while recording.events:
