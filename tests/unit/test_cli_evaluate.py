@@ -244,6 +244,18 @@ def test_what_cannot_be_done_is_said_before_the_work(dataset, capsys, args, said
     assert said in error_of(capsys)
 
 
+@pytest.mark.parametrize("name", ["mine.mcap", "notes.txt", "page", "link.html"])
+def test_a_page_overwrites_nothing_but_a_page(recording, tmp_path, capsys, name):
+    data = tmp_path / "mine.mcap"
+    data.write_bytes(recording.read_bytes())
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "link.html").symlink_to(data)
+    assert main(["evaluate", str(data), "--html", str(tmp_path / name)]) == 1
+    assert f"--html {tmp_path / name}" in error_of(capsys)
+    assert data.read_bytes() == recording.read_bytes()
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
 def test_no_data_set_and_one_of_one_label_are_told_apart(tmp_path, capsys):
     assert main(paper(str(tmp_path))) == 1
     assert "is no labelled data set" in error_of(capsys)

@@ -6,6 +6,7 @@ import argparse
 import json
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_workers(args.workers)
     if args.html is not None:
-        _check_page(args.html)
+        _check_page(args.html, args.data)
     text, said, page = _known_range(args) if args.protocol else _detector(args)
     if page is not None:
         write_page(page, args.html)
@@ -123,18 +124,22 @@ def _detector(args: argparse.Namespace) -> tuple[str, dict[str, Any], Page | Non
     return detector_page.text(report), detector_page.as_json(report), page
 
 
-def _check_page(path: Path) -> None:
+def _check_page(path: Path, data: Sequence[Path]) -> None:
     """Fail before the work, not after it.
 
     Raises
     ------
     ErtisError
-        If the page cannot be drawn or written.
+        If the page cannot be drawn or written, or would overwrite what is no page.
     """
     from importlib.util import find_spec
 
-    from ertis_driver.errors import ErtisError
+    from ertis_driver.errors import ErtisError, SettingsError
 
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise SettingsError(f"--html {path}, expected a name that ends in .html")
+    if path.resolve() in [one.resolve() for one in data]:
+        raise SettingsError(f"--html {path} would overwrite the data: name another file")
     if find_spec("matplotlib") is None:
         raise ErtisError("--html needs matplotlib: pip install 'ertis[plot]'")
     check_output(path)
