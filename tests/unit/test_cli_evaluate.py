@@ -319,6 +319,14 @@ def test_the_table_is_believed_unless_the_recording_knows_more(
     assert told["conditions"]["can be heard"]["located"]["trials"] == asked
 
 
+def test_data_named_twice_is_refused_not_counted_twice(recording, dataset, capsys):
+    for data in (recording, dataset):
+        again = data.parent / "x" / ".." / data.name
+        (data.parent / "x").mkdir()
+        assert main(["evaluate", str(data), str(again)]) == 1
+        assert f"{again} is given twice, first as {data}: name it once" in error_of(capsys)
+
+
 def test_a_model_that_was_trained_on_what_it_is_judged_by_is_named_so(recording, capsys):
     report = judge([recording])
     assert report.met_before == ()

@@ -22,7 +22,7 @@ from ertis_driver.audio import PdmDecoder, whole_samples
 from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.dataset import METADATA, Dataset, DatasetRow, open_dataset
 from ertis_driver.device import Settings
-from ertis_driver.errors import RecordingError
+from ertis_driver.errors import RecordingError, SettingsError
 from ertis_driver.recording import RecordedPing, RecordingInfo, open_recording
 
 if TYPE_CHECKING:
@@ -167,6 +167,8 @@ def judge(
     Raises
     ------
     DatasetError, RecordingError, DetectorError
+    SettingsError
+        If one is named twice: its pings would count twice.
     """
     sources, data = _sources(paths)
     first = open_recording(sources[0].path).info.chirp
@@ -197,7 +199,11 @@ def judge(
 def _sources(paths: Sequence[Path]) -> tuple[list[Source], list[tuple[str, str]]]:
     sources: list[Source] = []
     data = []
+    seen: dict[Path, Path] = {}
     for path in paths:
+        first = seen.setdefault(path.resolve(), path)
+        if first is not path:
+            raise SettingsError(f"{path} is given twice, first as {first}: name it once")
         if path.is_dir():
             dataset = open_dataset(path)
             sources += _rows(dataset)
