@@ -16,6 +16,7 @@ from pathlib import Path
 from typing_extensions import Self
 
 from ertis_driver.closing import Closing
+from ertis_driver.errors import SettingsError
 from ertis_driver.fault_plan import FaultInjector, FaultPlan
 from ertis_driver.firmware import FirmwareState, FrameSource, PingRequest
 from ertis_driver.frame import Source
@@ -70,6 +71,11 @@ class Emulator(Closing):
         A symbolic link to keep pointed at the port, which has another path after a replug.
     on_plug
         Called with the port's path each time that it is back after an unplug.
+
+    Raises
+    ------
+    SettingsError
+        If anything but a link is in the link's place, or it cannot be made.
     """
 
     def __init__(
@@ -90,9 +96,6 @@ class Emulator(Closing):
         self.injector = FaultInjector(faults, self.state)
         self._outbox = Outbox()
         self._edges: deque[int] = deque()
-        self._wake_out, self._wake_in = os.pipe()
-        os.set_blocking(self._wake_in, False)
-        os.set_blocking(self._wake_out, False)
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._closed = False
@@ -100,6 +103,9 @@ class Emulator(Closing):
         self._on_plug = on_plug
         self._pty: _Pty | None = None
         self._path = self._plug_in()
+        self._wake_out, self._wake_in = os.pipe()
+        os.set_blocking(self._wake_in, False)
+        os.set_blocking(self._wake_out, False)
 
     @property
     def path(self) -> str:
@@ -196,11 +202,15 @@ class Emulator(Closing):
         self._outbox.put(self.injector.inject(reply), is_frame=len(reply) > 4)
 
     def _plug_in(self) -> str:
-        self._pty = _Pty()
-        if self._link is not None:
-            self._link.unlink(missing_ok=True)
-            self._link.symlink_to(self._pty.path)
-        return self._pty.path
+        pty = _Pty()
+        try:
+            if self._link is not None:
+                _point(self._link, pty.path)
+        except SettingsError:
+            pty.close()
+            raise
+        self._pty = pty
+        return pty.path
 
     def _unplug(self) -> None:
         self._outbox.clear()
@@ -208,9 +218,20 @@ class Emulator(Closing):
         if self._pty is None:
             return
         # First: once the client has closed its end too, the path may be another device's.
-        if self._link is not None:
+        if self._link is not None and self._link.is_symlink():
             self._link.unlink(missing_ok=True)
         self._pty.close()
         self._pty = None
         # What has no power forgets.
         self.state.reset()
+
+
+def _point(link: Path, port: str) -> None:
+    try:
+        if link.is_symlink():
+            link.unlink()
+        link.symlink_to(port)
+    except FileExistsError as error:
+        raise SettingsError(f"{link} is no link and is left alone: name another") from error
+    except OSError as error:
+        raise SettingsError(f"cannot make the link {link}: {error.strerror}") from error

@@ -59,6 +59,18 @@ def test_the_source_is_given_the_chirp_as_uploaded(emulator, source):
             assert (request.num_words, request.dac_rate_hz) == (32_768, 450_000)
 
 
+def test_the_link_replaces_a_link_and_is_removed_but_a_file_in_its_place_is_not(source, tmp_path):
+    link = tmp_path / "port"
+    link.symlink_to("nowhere")
+    with Emulator(source, link=link) as emulator:
+        assert str(link.readlink()) == emulator.path
+    assert not link.is_symlink()
+    with Emulator(source, link=link):
+        link.unlink()
+        link.write_text("mine")
+    assert link.read_text() == "mine"
+
+
 def test_a_client_may_come_and_go(emulator, source):
     for index in range(3):
         with open_serial(emulator.path) as device:

@@ -320,6 +320,24 @@ def test_a_foreign_file_is_one_clear_line(tmp_path, capsys, command, content):
     assert "x.mcap" in lines[0]
 
 
+@pytest.mark.parametrize(
+    "argv", [["emulate", "--replay", "{}", "--link"], ["replay", "{}", "--to", "pty", "--link"]]
+)
+def test_an_emulated_sonars_link_replaces_no_file(recording, tmp_path, capsys, argv):
+    argv = [word.format(recording) for word in argv]
+    mine = tmp_path / "mine.txt"
+    mine.write_text("mine")
+    for path, said in (
+        (mine, f"{mine} is no link and is left alone: name another"),
+        (tmp_path, f"{tmp_path} is no link and is left alone: name another"),
+        (tmp_path / "no" / "port", f"cannot make the link {tmp_path}/no/port: No such file"),
+    ):
+        assert main([*argv, str(path)]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"ertis: {said}")
+    assert mine.read_text() == "mine"
+
+
 def test_a_replayed_sonar_hears_the_recording_and_ends_after_it(recording):
     from ertis_driver.device import Settings
     from ertis_driver.errors import DeviceError
