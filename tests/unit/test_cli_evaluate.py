@@ -22,6 +22,7 @@ from ertis_simulator.scene import DishObject, Pose, Scene
 
 NUM_WORDS = 65_536  # 2.5 m of range: short, to be quick
 LABELS = ("r35", "r70", "none")
+DISH = DishObject("r48", Dish.landmark(48), (1.8, 0.0, 0.6), (np.pi, 0.0))
 OPEN = Room((-np.inf, np.inf), (-np.inf, np.inf), floor_reflection=0.0)
 
 TRUE = {
@@ -67,9 +68,8 @@ def recording(tmp_path_factory):
     """Two simulated pings of one frontal landmark in the open, and one of nothing."""
     path = tmp_path_factory.mktemp("scene") / "open.mcap"
     info = RecordingInfo("sim", DEFAULT_CHIRP, DEFAULT_NUM_WORDS, 20.0)
-    dish = DishObject("r48", Dish.landmark(48), (1.8, 0.0, 0.6), (np.pi, 0.0))
     with RecordingWriter(path, info) as writer:
-        for number, dishes in enumerate([(dish,), (dish,), ()]):
+        for number, dishes in enumerate([(DISH,), (DISH,), ()]):
             scene = Scene(OPEN, Pose((0.0, 0.0, 0.6), 0.0), dishes, Clutter.none(), seed=1)
             words, truth = scene.hear_and_judge(
                 number, DEFAULT_NUM_WORDS, DEFAULT_CHIRP.samples(450e3)
@@ -327,6 +327,20 @@ def test_data_named_twice_is_refused_not_counted_twice(recording, dataset, capsy
         assert f"{again} is given twice, first as {data}: name it once" in error_of(capsys)
 
 
+@pytest.mark.parametrize("dishes", [(), (DISH,)])
+def test_what_one_ping_does_not_tell_is_not_known(tmp_path, capsys, dishes):
+    path = tmp_path / "one.mcap"
+    scene = Scene(OPEN, Pose((0.0, 0.0, 0.6), 0.0), dishes, Clutter.none(), seed=1)
+    words, truth = scene.hear_and_judge(0, DEFAULT_NUM_WORDS, DEFAULT_CHIRP.samples(450e3))
+    info = RecordingInfo("sim", DEFAULT_CHIRP, DEFAULT_NUM_WORDS, 20.0)
+    with RecordingWriter(path, info) as writer:
+        writer.write(PdmFrame(words, 0, 0), truth)
+    assert main(["evaluate", str(path), "--workers", "1"]) == 0
+    text = capsys.readouterr().out
+    assert "not known (1 sigma) with each size's mean taken out" in text
+    assert not re.search(r"\bnan\b", text)
+
+
 def test_a_model_that_was_trained_on_what_it_is_judged_by_is_named_so(recording, capsys):
     report = judge([recording])
     assert report.met_before == ()
@@ -351,6 +365,8 @@ def test_a_recording_without_truth_or_chirp_says_so(tmp_path, capsys):
     assert "its truth lacks or garbles a landmark's field: 'range_m'" in error_of(capsys)
     for flags, said in (
         (["--rate", "0"], "--rate 0, expected above 0"),
+        (["--rate", "nan"], "--rate nan, expected above 0, up to 1000"),
+        (["--rate", "inf"], "--rate inf, expected above 0, up to 1000"),
         (["--min-probability", "2"], "--min-probability 2, expected above 0, up to 1"),
     ):
         assert main(["evaluate", str(tmp_path / "live.mcap"), *flags]) == 1

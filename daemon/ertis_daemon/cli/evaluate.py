@@ -106,8 +106,8 @@ def _detector(args: argparse.Namespace) -> tuple[str, dict[str, Any], Page | Non
     from ertis_daemon.report.detector_data import judge
     from ertis_driver.errors import SettingsError
 
-    if args.rate <= 0:
-        raise SettingsError(f"--rate {args.rate:g}, expected above 0")
+    if not 0 < args.rate <= 1000:
+        raise SettingsError(f"--rate {args.rate:g}, expected above 0, up to 1000")
     if args.min_probability is not None and not 0 < args.min_probability <= 1:
         raise SettingsError(
             f"--min-probability {args.min_probability:g}, expected above 0, up to 1"

@@ -234,18 +234,22 @@ def _figure_rows(told: Evaluation) -> list[tuple[str, str]]:
         ),
         (
             "range",
-            f"{1000 * place.rms[0]:.1f} mm RMS; {1000 * place.range_sigma_m:.1f} mm (1 sigma) "
-            "with each size's mean taken out",
+            f"{_millimetres(place.rms[0])} RMS; {_millimetres(place.range_sigma_m)} (1 sigma) with "
+            "each size's mean taken out",
         ),
         (
             "azimuth, elevation",
-            f"{np.rad2deg(place.rms[1]):.2f} and {np.rad2deg(place.rms[2]):.2f} degrees RMS",
+            f"{np.rad2deg(place.rms[1]):.2f} and {np.rad2deg(place.rms[2]):.2f} degrees RMS"
+            if place.count
+            else "not known",
         ),
         (
             f"NEES ({place.nees_dimensions} dimensions, {place.count} located)",
             f"{place.nees:.2f}; true covariances give {place.nees_band[0]:.2f} to "
             f"{place.nees_band[1]:.2f}; range, azimuth, elevation alone (1 is true) "
-            + ", ".join(f"{one:.2f}" for one in place.nees_by_axis),
+            + ", ".join(f"{one:.2f}" for one in place.nees_by_axis)
+            if place.count
+            else "not known",
         ),
         (
             "tilt",
@@ -290,8 +294,12 @@ def _seconds(told: Evaluation) -> dict[str, float]:
     return {"median": float(median), "p95": float(high), "most": float(told.seconds.max())}
 
 
+def _millimetres(value_m: float) -> str:
+    return "not known" if math.isnan(value_m) else f"{1000 * value_m:.1f} mm"
+
+
 def _percent(value: float) -> str:
-    return f"{100 * value:.1f} %"
+    return "not known" if math.isnan(value) else f"{100 * value:.1f} %"
 
 
 def _percents(interval: Interval) -> str:
