@@ -76,6 +76,15 @@ def test_a_probability_that_is_none_is_one_clear_line(recording, wrong, capsys):
     assert f"--min-probability {wrong}, expected 0 to 1" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("flag", "expected"), [("--temperature-c", "-60 to 80"), ("--humidity-percent", "0 to 100")]
+)
+@pytest.mark.parametrize("wrong", ["nan", "inf", "2000", "-300"])
+def test_air_that_is_none_is_one_clear_line(recording, flag, expected, wrong, capsys):
+    assert main(["detect", str(recording), f"{flag}={wrong}"]) == 1
+    assert error_of(capsys) == f"ertis: {flag} {wrong}, expected {expected}"
+
+
 def test_a_simulated_recording_says_so_and_holds_its_truth(recording):
     opened = open_recording(recording)
     assert opened.info.source == "sim"

@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ertis_daemon.cli.before_work import check_air
+
 if TYPE_CHECKING:
     from ertis_detector.air import Air
     from ertis_detector.detector import LandmarkDetector, Scan
@@ -56,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
 
     if not 0 <= args.min_probability <= 1:
         raise SettingsError(f"--min-probability {args.min_probability:g}, expected 0 to 1")
+    check_air(args.temperature_c, args.humidity_percent)
     recording = open_recording(args.file)
     chirp = _chirp(args, recording)
     look = _Look(args, Settings(chirp, recording.info.num_words), recording)

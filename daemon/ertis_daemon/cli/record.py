@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ertis_daemon.cli.before_work import check_air
 from ertis_daemon.cli.quantities import size_bytes, size_text, time_s
 from ertis_daemon.cli.signals import stop_on_signals
 
@@ -149,10 +150,7 @@ def _settings(args: argparse.Namespace) -> Settings:
         raise SettingsError(f"--pings {args.pings}, expected 1 to {MAX_PINGS}")
     if not 0 <= args.rate <= 100:
         raise SettingsError(f"--rate {args.rate:g}, expected 0 to 100 pings a second")
-    if args.temperature_c is not None and not -60 <= args.temperature_c <= 80:
-        raise SettingsError(f"--temperature-c {args.temperature_c:g}, expected -60 to 80")
-    if args.humidity_percent is not None and not 0 <= args.humidity_percent <= 100:
-        raise SettingsError(f"--humidity-percent {args.humidity_percent:g}, expected 0 to 100")
+    check_air(args.temperature_c, args.humidity_percent)
     chirp = Chirp.parse(args.chirp) if args.chirp else DEFAULT_CHIRP
     return Settings(chirp, DEFAULT_NUM_WORDS if args.words is None else args.words)
 
