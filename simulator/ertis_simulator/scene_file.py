@@ -12,12 +12,13 @@ from ertis_simulator.clutter import CLUSTER_KINDS, EVEN, Clutter
 from ertis_simulator.errors import SceneError
 from ertis_simulator.path import Pose
 from ertis_simulator.room import Room
-from ertis_simulator.scene import Scene
+from ertis_simulator.scene import DishObject, Scene
 from ertis_simulator.scene_items import (
     DECOY_KEYS,
     LANDMARK_KEYS,
     NOISE_KEYS,
     OBJECT_KEYS,
+    check_within,
     read_decoy,
     read_landmark,
     read_noise,
@@ -64,6 +65,7 @@ _SONAR = (
     "ping_period_s",
     "path",
 )
+_NEAREST_M = 0.05  # of a dish: nearer, it is in the sonar
 _MAX_THINGS = 20_000  # clutter: as much again takes a minute a ping
 
 
@@ -78,19 +80,26 @@ def load_scene(path: FilePath) -> Scene:
     top = read_yaml(path, _TOP)
     seed = int(top.number("seed", 0, low=0, high=2**31))
     room = _room(top)
+    sonar = top.section("sonar", _SONAR)
+    start = _start(sonar)
+    if sonar is None:
+        _check_default_place(top, room)
+    elif not sonar.has("path"):
+        check_within(sonar, room, *start.position_m[:2])
     objects = [
-        read_object(item, np.random.default_rng([seed, 8, number]))
+        (item, *read_object(item, np.random.default_rng([seed, 8, number]), room))
         for number, item in enumerate(top.sections("objects", OBJECT_KEYS))
     ]
-    dishes = [read_landmark(item) for item in top.sections("landmarks", LANDMARK_KEYS)]
-    dishes.extend(read_decoy(item) for item in top.sections("decoys", DECOY_KEYS))
-    dishes.extend(dish for _, dish in objects if dish is not None)
+    dishes = [
+        (item, read_landmark(item, room)) for item in top.sections("landmarks", LANDMARK_KEYS)
+    ]
+    dishes.extend((item, read_decoy(item, room)) for item in top.sections("decoys", DECOY_KEYS))
+    dishes.extend((item, dish) for item, _, dish in objects if dish is not None)
     air = top.section("air", ("temperature_c", "humidity_percent"))
-    sonar = top.section("sonar", _SONAR)
-    return Scene(
+    scene = Scene(
         room=room,
-        start=_start(sonar),
-        dishes=tuple(dishes),
+        start=start,
+        dishes=tuple(dish for _, dish in dishes),
         clutter=_clutter(top, room, np.random.default_rng([seed, 7])),
         air=Air(
             air.number("temperature_c", 20.0, low=-40.0, high=60.0) if air else 20.0,
@@ -101,13 +110,23 @@ def load_scene(path: FilePath) -> Scene:
         ping_period_s=sonar.number("ping_period_s", 0.2, low=0.0, high=60.0) if sonar else 0.2,
         seed=seed,
         name=top.text("name", path.stem),
-        things=tuple(thing for thing, _ in objects if thing is not None),
+        things=tuple(thing for _, thing, _ in objects if thing is not None),
         stands=top.flag("stands", False),
-        path=read_path(sonar, _start(sonar).yaw_rad) if sonar else None,
+        path=read_path(sonar, start.yaw_rad, room) if sonar else None,
         noise=tuple(read_noise(item) for item in top.sections("noise", NOISE_KEYS)),
         dead_mics=_dead(top),
         sensor=_sensor(top, path.parent),
     )
+    for section, dish in dishes:
+        _check_apart(section, dish, scene)
+    return scene
+
+
+def _check_apart(section: Section, dish: DishObject, scene: Scene) -> None:
+    distance_m = float(np.linalg.norm(np.subtract(dish.vertex_m, scene.pose(0).position_m)))
+    if distance_m < _NEAREST_M:
+        problem = f"met {distance_m:g} m from the sonar, expected {_NEAREST_M:g} at least"
+        raise section.wrong("x_m", problem)
 
 
 def _start(sonar: Section | None) -> Pose:
@@ -122,6 +141,14 @@ def _start(sonar: Section | None) -> Pose:
         sonar.number("height_m", 0.5, low=0.05, high=5.0),
     )
     return Pose(at, float(np.deg2rad(sonar.number("heading_deg", 0.0))))
+
+
+def _check_default_place(top: Section, room: Room) -> None:
+    section = top.section("room", _ROOM)
+    for key, (low, high) in (("x_m", room.x_m), ("y_m", room.y_m)):
+        if section is not None and not low <= 0 <= high:
+            problem = f"met {low:g} to {high:g}, without 0, where the sonar is: give sonar.{key}"
+            raise section.wrong(key, problem)
 
 
 def _sensor(top: Section, folder: FilePath) -> SensorResponse:

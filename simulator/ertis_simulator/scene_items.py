@@ -17,6 +17,7 @@ from ertis_simulator.objects import (
     make_thing,
 )
 from ertis_simulator.path import Path
+from ertis_simulator.room import Room
 from ertis_simulator.yaml_section import Section
 
 _DISH = ("x_m", "y_m", "height_m", "facing_deg", "tilt_up_deg", "path", "rim_strength")
@@ -45,19 +46,28 @@ _NOISE = {
     "sonar": ("per_s", "chirp"),
 }
 NOISE_KEYS = ("kind", "level_dbfs", "azimuth_deg", "frequency_hz", "per_s", "duration_s", "chirp")
+_MAX_HEIGHT_M = 100.0
 _WAYPOINT = ("t_s", "x_m", "y_m", "heading_deg")
 
 
-def read_landmark(section: Section) -> DishObject:
+def check_within(section: Section, room: Room, x_m: float, y_m: float) -> None:
+    """Raise SceneError if a place is behind one of the room's walls."""
+    for key, value, (low, high) in (("x_m", x_m, room.x_m), ("y_m", y_m, room.y_m)):
+        if not low <= value <= high:
+            problem = f"met {value:g}, expected {low:g} to {high:g}, between the walls (room.{key})"
+            raise section.wrong(key, problem)
+
+
+def read_landmark(section: Section, room: Room) -> DishObject:
     """One of the four printed dishes."""
     radius_mm = section.number("radius_mm")
     if radius_mm not in RADII_MM:
         known = ", ".join(map(str, RADII_MM))
         raise section.wrong("radius_mm", f"met {radius_mm:g}, expected one of {known}")
-    return _dish(section, f"r{radius_mm:g}", Dish.landmark(radius_mm), is_landmark=True)
+    return _dish(section, f"r{radius_mm:g}", Dish.landmark(radius_mm), room, is_landmark=True)
 
 
-def read_decoy(section: Section) -> DishObject:
+def read_decoy(section: Section, room: Room) -> DishObject:
     """A dish of any other shape."""
     radius_mm = section.number("radius_mm", low=1.0, high=1000.0)
     depth_mm = section.number("depth_mm", DEPTH_RATIO * radius_mm, low=0.1)
@@ -65,11 +75,12 @@ def read_decoy(section: Section) -> DishObject:
         problem = f"met {depth_mm:g}, expected above 0 and up to twice the radius"
         raise section.wrong("depth_mm", problem)
     dish = Dish(radius_mm / 1000, depth_mm / 1000)
-    return _dish(section, section.text("name", "bowl"), dish, is_landmark=False)
+    return _dish(section, section.text("name", "bowl"), dish, room, is_landmark=False)
 
 
-def _dish(section: Section, label: str, dish: Dish, *, is_landmark: bool) -> DishObject:
-    vertex = section.number("x_m"), section.number("y_m"), section.number("height_m", 0.5)
+def _dish(section: Section, label: str, dish: Dish, room: Room, *, is_landmark: bool) -> DishObject:
+    x_m, y_m = _place(section, room)
+    vertex = x_m, y_m, section.number("height_m", 0.5, low=0.0, high=_MAX_HEIGHT_M)
     azimuth = float(np.deg2rad(section.number("facing_deg", 180.0)))
     up = float(np.deg2rad(section.number("tilt_up_deg", 0.0, low=-90.0, high=90.0)))
     return DishObject(
@@ -78,13 +89,13 @@ def _dish(section: Section, label: str, dish: Dish, *, is_landmark: bool) -> Dis
         vertex,
         (azimuth, up),
         is_landmark,
-        read_path(section, azimuth),
+        read_path(section, azimuth, room, (x_m, y_m)),
         section.number("rim_strength", RIM_STRENGTH, low=0.0, high=1.0),
     )
 
 
 def read_object(
-    section: Section, rng: np.random.Generator
+    section: Section, rng: np.random.Generator, room: Room
 ) -> tuple[Thing | None, DishObject | None]:
     """A named thing; bowls and lampshades come as dishes. Sizes not given are drawn."""
     kind = section.text("kind", choices=tuple(SIZES))
@@ -107,9 +118,9 @@ def read_object(
         raise section.wrong(
             "depth_mm", f"met {given['depth_m'] * 1e3:g}, expected up to twice the radius"
         )
-    x_m, y_m = section.number("x_m"), section.number("y_m")
+    x_m, y_m = _place(section, room)
     facing = float(np.deg2rad(section.number("facing_deg", 180.0)))
-    path = read_path(section, facing)
+    path = read_path(section, facing, room, (x_m, y_m))
     sizes = draw_sizes(kind, given, rng)
     if kind in DISH_KINDS:
         dish = Dish(sizes["radius_m"], sizes["depth_m"])
@@ -120,8 +131,19 @@ def read_object(
     return make_thing(kind, x_m, y_m, facing, sizes, rng, path), None
 
 
-def read_path(section: Section, yaw_rad: float) -> Path | None:
-    """Waypoints with times; a heading not given is that of the waypoint before."""
+def _place(section: Section, room: Room) -> tuple[float, float]:
+    x_m, y_m = section.number("x_m"), section.number("y_m")
+    check_within(section, room, x_m, y_m)
+    return x_m, y_m
+
+
+def read_path(
+    section: Section, yaw_rad: float, room: Room, start_m: tuple[float, float] | None = None
+) -> Path | None:
+    """Waypoints with times; a heading not given is that of the waypoint before.
+
+    What stands at ``start_m`` moves as from the first waypoint to the others.
+    """
     if not section.has("path"):
         return None
     points = section.sections("path", _WAYPOINT)
@@ -137,6 +159,9 @@ def read_path(section: Section, yaw_rad: float) -> Path | None:
         held = yaws[-1] if yaws else yaw_rad
         yaws.append(float(np.deg2rad(point.number("heading_deg", np.rad2deg(held)))))
     places = tuple((point.number("x_m"), point.number("y_m")) for point in points)
+    from_m = np.subtract(places[0] if start_m is None else start_m, places[0])
+    for point, place in zip(points, places, strict=True):
+        check_within(point, room, *(from_m + place))
     return Path(tuple(times), places, tuple(yaws))
 
 

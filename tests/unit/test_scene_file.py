@@ -150,6 +150,51 @@ def test_each_kind_of_bad_file_is_refused_in_one_clear_line(scene_file, text, to
     assert told in refusal(scene_file(text))
 
 
+WALLS = "between the walls"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "room: {x_m: [-1, 2]}\nlandmarks: [{radius_mm: 48, x_m: 2.5, y_m: 0}]\n",
+            f"hall.yaml:2:34: landmarks[0].x_m: met 2.5, expected -1 to 2, {WALLS} (room.x_m)",
+        ),
+        ("landmarks: [{radius_mm: 48, x_m: 2, y_m: 9}]\n", "landmarks[0].y_m: met 9, expected -3"),
+        ("decoys: [{radius_mm: 50, x_m: -9, y_m: 0}]\n", "decoys[0].x_m: met -9, expected -2 to"),
+        ("objects: [{kind: bowl, x_m: 6, y_m: 0}]\n", "objects[0].x_m: met 6, expected -2 to 5"),
+        ("objects: [{kind: pipe, x_m: 6, y_m: 0}]\n", "objects[0].x_m: met 6, expected -2 to 5"),
+        (
+            "landmarks: [{radius_mm: 48, x_m: 2, y_m: 0, height_m: -0.1}]\n",
+            "hall.yaml:1:55: landmarks[0].height_m: met -0.1, expected 0 to 100",
+        ),
+        ("sonar: {x_m: 9}\n", f"hall.yaml:1:14: sonar.x_m: met 9, expected -2 to 5, {WALLS}"),
+        ("seed: 1\nroom: {x_m: [1, 5]}\n", "hall.yaml:2:13: room.x_m: met 1 to 5, without 0"),
+        ("sonar: {height_m: 1}\nroom: {y_m: [1, 5]}\n", "hall.yaml:1:8: sonar.y_m: met 0, expe"),
+        (
+            "sonar: {path: [{t_s: 0, x_m: 0, y_m: 0}, {t_s: 1, x_m: 0, y_m: 4}]}\n",
+            "hall.yaml:1:64: sonar.path[1].y_m: met 4, expected -3 to 3",
+        ),
+        (
+            "landmarks:\n  - {radius_mm: 48, x_m: 4, y_m: 0,\n"
+            "     path: [{t_s: 0, x_m: 0, y_m: 0}, {t_s: 1, x_m: 2, y_m: 0}]}\n",
+            "hall.yaml:3:53: landmarks[0].path[1].x_m: met 6, expected -2 to 5",
+        ),
+        (
+            "sonar: {x_m: 1, height_m: 0.5}\nlandmarks: [{radius_mm: 48, x_m: 1, y_m: 0}]\n",
+            "hall.yaml:2:34: landmarks[0].x_m: met 0 m from the sonar, expected 0.05 at least",
+        ),
+    ],
+)
+def test_what_cannot_be_there_is_refused_where_the_file_says_it(scene_file, text, told):
+    assert told in refusal(scene_file(text))
+
+
+def test_what_touches_a_wall_or_the_floor_is_in_the_room(scene_file):
+    scene = load_scene(scene_file("landmarks: [{radius_mm: 48, x_m: 5, y_m: -3, height_m: 0}]\n"))
+    assert scene.dishes[0].vertex_m == (5.0, -3.0, 0.0)
+
+
 def test_deep_nesting_is_refused_too(scene_file):
     refusal(scene_file("[" * 30_000))
 
