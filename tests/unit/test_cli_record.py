@@ -132,6 +132,15 @@ def test_a_wrong_wish_is_one_line_and_leaves_no_file(recording, tmp_path, capsys
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_named_as_output_makes_no_file_beside_it(recording, tmp_path, capsys):
+    folder = tmp_path / "night"
+    folder.mkdir()
+    assert main(["record", str(folder), "--address", f"replay:{recording}"]) == 1
+    said = f"ertis: cannot write {folder}: name a file in a folder that exists"
+    assert capsys.readouterr().err.splitlines() == [said]
+    assert list(tmp_path.iterdir()) == [folder]
+
+
 def ertis(*argv, **options):
     command = [sys.executable, "-m", "ertis_daemon.cli", *map(str, argv)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)

@@ -114,6 +114,21 @@ def test_detect_draws_a_picture(recording, tmp_path, capsys):
     assert capsys.readouterr().out.count("[sim]") == 2
 
 
+def test_a_folder_named_for_a_picture_makes_no_file_beside_it(recording, tmp_path, capsys):
+    folder, scene = tmp_path / "pictures", recording.with_suffix(".yaml")
+    folder.mkdir()
+    for argv in (["detect", recording], ["simulate", scene], ["dataset", "stats", tmp_path]):
+        assert main([*map(str, argv), "--plot", str(folder)]) == 1
+        said = error_of(capsys)
+        assert said == f"ertis: cannot write {folder}: name a file in a folder that exists"
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_number_of_reflectors_is_not_negative(recording, capsys):
+    assert main(["detect", str(recording), "--reflectors", "-1"]) == 1
+    assert error_of(capsys) == "ertis: --reflectors -1, expected 0 or more"
+
+
 def test_a_raw_file_is_read_by_the_chirp_heard_in_it(tmp_path, capsys):
     path = tmp_path / "ping.bin"
     random_scene(5, 1).hear(0, 163_840, INCUMBENT_CHIRP.samples(450e3)).tofile(path)

@@ -6,6 +6,8 @@ import argparse
 import json
 from pathlib import Path
 
+from ertis_daemon.cli.before_work import check_output
+
 EPILOG = """\
 Example:
   ertis dataset stats ~/sonar-data --plot stats.png
@@ -25,6 +27,8 @@ def run(args: argparse.Namespace) -> int:
     from ertis_daemon.dataset.stats import as_lines, statistics
     from ertis_driver.dataset import open_dataset
 
+    if args.plot is not None:
+        check_output(args.plot)
     dataset = open_dataset(args.folder)
     told = statistics(dataset)
     if args.plot is not None:

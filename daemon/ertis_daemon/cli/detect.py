@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ertis_daemon.cli.before_work import check_air
+from ertis_daemon.cli.before_work import check_air, check_output
 
 if TYPE_CHECKING:
     from ertis_detector.air import Air
@@ -59,6 +59,10 @@ def run(args: argparse.Namespace) -> int:
     if not 0 <= args.min_probability <= 1:
         raise SettingsError(f"--min-probability {args.min_probability:g}, expected 0 to 1")
     check_air(args.temperature_c, args.humidity_percent)
+    if args.reflectors < 0:
+        raise SettingsError(f"--reflectors {args.reflectors}, expected 0 or more")
+    if args.plot is not None:
+        check_output(args.plot)
     recording = open_recording(args.file)
     chirp = _chirp(args, recording)
     look = _Look(args, Settings(chirp, recording.info.num_words), recording)

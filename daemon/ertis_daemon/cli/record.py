@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ertis_daemon.cli.before_work import check_air
+from ertis_daemon.cli.before_work import check_air, check_output
 from ertis_daemon.cli.quantities import size_bytes, size_text, time_s
 from ertis_daemon.cli.signals import stop_on_signals
 
@@ -151,6 +151,7 @@ def _settings(args: argparse.Namespace) -> Settings:
     if not 0 <= args.rate <= 100:
         raise SettingsError(f"--rate {args.rate:g}, expected 0 to 100 pings a second")
     check_air(args.temperature_c, args.humidity_percent)
+    check_output(args.output)
     chirp = Chirp.parse(args.chirp) if args.chirp else DEFAULT_CHIRP
     return Settings(chirp, DEFAULT_NUM_WORDS if args.words is None else args.words)
 

@@ -12,6 +12,8 @@ from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ertis_daemon.cli.before_work import check_output
+
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
@@ -91,6 +93,8 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("--plot draws a scene of yours: name its file, or leave --plot out")
     if args.output is None and args.plot is None:
         raise SettingsError("nothing to make: name a recording with -o, or a picture with --plot")
+    for output in filter(None, (args.output, args.plot)):
+        check_output(output)
     if args.plot is not None:
         _plot(args, chirp)
     if args.output is not None:
