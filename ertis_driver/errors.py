@@ -94,7 +94,7 @@ class RecordingDamaged(RecordingError):
 
 
 class DiskFull(RecordingError):
-    """A recording takes no more; what is written is kept: free some space, and record on."""
+    """A file takes no more: free some space. A recording under way is whole up to there."""
 
 
 class EndOfRecording(ErtisError):

@@ -239,8 +239,5 @@ class McapWriter(Closing):
 
     def _failed(self, error: OSError) -> RecordingError:
         if error.errno in _FULL:
-            return DiskFull(
-                f"cannot write {self.path}: {error.strerror}; what was written before is kept and "
-                "readable: free some space, then record into another file"
-            )
+            return DiskFull(f"cannot write {self.path}: {error.strerror}: free some space")
         return RecordingError(f"cannot write {self.path}: {error.strerror}")

@@ -246,6 +246,7 @@ def test_a_file_that_cannot_be_written_whole_is_not_left_at_all(tmp_path):
     assert done.returncode == 1
     assert "cannot write" in done.stderr
     assert "File too large" in done.stderr
+    assert "kept" not in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert list(contents(folder)) == ["dataset.json"]
 

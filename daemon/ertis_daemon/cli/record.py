@@ -222,7 +222,7 @@ def _close(writer: RecordingWriter | SplitRecording, report: SessionReport) -> N
     try:
         writer.close()
     except DiskFull as error:
-        report.ended, report.error = "disk full", str(error)
+        report.disk_full(error)
 
 
 def _tell(args: argparse.Namespace, writer: Any, report: SessionReport, looker: Any) -> None:

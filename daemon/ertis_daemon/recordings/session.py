@@ -56,6 +56,11 @@ class SessionReport:
             self.pings_lost or self.pings_failed
         )
 
+    def disk_full(self, error: DiskFull) -> None:
+        """It ended so; the file stays."""
+        kept = "; what was written before is kept and readable" if self.pings else ""
+        self.ended, self.error = "disk full", f"{error}{kept}"
+
 
 class Session:
     """Records.
@@ -122,7 +127,7 @@ class Session:
         except EndOfRecording:
             report.ended = "end of the recording played"
         except DiskFull as error:
-            report.ended, report.error = "disk full", str(error)
+            report.disk_full(error)
         except ErtisError as error:
             report.ended, report.error = "failed", str(error)
         report.seconds = time.monotonic() - started_s
