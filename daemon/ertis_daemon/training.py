@@ -10,7 +10,7 @@ import numpy as np
 from ertis_daemon.training_reports import Reports, weights_of
 from ertis_daemon.training_rows import TrainingRows, read_rows, recordings_of
 from ertis_detector.detection import NONE, is_landmark
-from ertis_detector.fitting import Echoes, fit
+from ertis_detector.fitting import LEAST_FOLDS, Echoes, fit
 from ertis_detector.model import TRACKING_PROBABILITY, Model, ModelCard, file_sha256
 from ertis_detector.readout import Readout, fit_readout
 from ertis_driver.audio_filter import FILTER_VERSION
@@ -56,6 +56,7 @@ def train(
         rows = read_rows(calibrate, chirp, workers, lambda pings: progress(taught.pings + pings))
         _check_apart(taught, rows)
     _check_kinds(taught)
+    _check_scenes(rows)
     weights, in_sight = weights_of(rows)
     judged = Echoes(rows.features, rows.labels, rows.groups, weights)
     try:
@@ -101,6 +102,15 @@ def _check_kinds(rows: TrainingRows) -> None:
         raise RecordingError(
             f"echoes of {', '.join(sorted(met)) or 'nothing'} in {rows.pings} pings, expected some "
             f"of landmarks and some of what is none ({NONE!r}): record both"
+        )
+
+
+def _check_scenes(rows: TrainingRows) -> None:
+    count = len(set(rows.groups))
+    if count < LEAST_FOLDS:
+        raise RecordingError(
+            f"{count} scenes or sessions in {rows.pings} pings, expected {LEAST_FOLDS} or more, to "
+            "leave some out: record more of them"
         )
 
 
