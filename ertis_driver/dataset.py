@@ -124,6 +124,9 @@ def read_table(folder: str | Path) -> Table:
         text = data.decode("utf-8")
     except FileNotFoundError as error:
         raise DatasetError(f"{folder} is no labelled data set: no {METADATA} in it") from error
+    except NotADirectoryError as error:
+        what = "a recording" if path.parent.suffix == ".mcap" else "a file"
+        raise DatasetError(f"{folder} is {what}, expected the folder of a data set") from error
     except OSError as error:
         raise DatasetError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:

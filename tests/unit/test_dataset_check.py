@@ -273,6 +273,16 @@ def test_a_folder_that_is_no_data_set_gets_one_line(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("name", "what"), [("a.mcap", "recording"), ("a.csv", "file")])
+def test_a_file_in_the_place_of_a_data_set_is_named_so(tmp_path, capsys, name, what):
+    path = tmp_path / name
+    path.write_bytes(b"")
+    for argv in (["dataset", "check", path], ["evaluate", "--protocol", "paper", path]):
+        assert main([*map(str, argv)]) == 1
+        said = f"ertis: {path} is a {what}, expected the folder of a data set"
+        assert capsys.readouterr().err.splitlines() == [said]
+
+
 def relabel(folder, *arguments):
     return main(["dataset", "relabel", str(folder), *arguments])
 
