@@ -326,6 +326,8 @@ def test_relabel_takes_patterns_and_a_dry_run_changes_nothing(folder, capsys):
         (["*", "--set", "sha256=0"], "sha256 belongs to the file"),
         (["*", "--set", "note"], "--set note, expected COLUMN=TEXT"),
         (["*", "--label", ""], "label is blank"),
+        (["*", "--environment", "../x"], "environment '../x', expected letters, digits, - _ ."),
+        (["*", "--set", "session="], "session '', expected letters"),
         (["*", "--set", "note=a\nb"], "expected printable text"),
         (["*"], "nothing to change"),
     ],

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from difflib import get_close_matches
 
-from ertis_daemon.dataset.label import LABELS, Label, Place, is_folder_name
+from ertis_daemon.dataset.label import FOLDER_NAME, LABELS, Label, Place, is_folder_name
 from ertis_driver.dataset import NONE
 from ertis_driver.dataset_table import angle_text, parse_angle_rad, parse_range_m, range_text
 
@@ -102,7 +102,7 @@ class Dialog:
             answer = self._answer(name, before)
             if is_folder_name(answer):
                 return answer
-            self._say(f"{name} {answer!r}, expected letters, digits, - _ . : it names a folder")
+            self._say(f"{name} {answer!r}, expected {FOLDER_NAME}")
 
     def _temperature(self, before: float) -> float:
         while True:

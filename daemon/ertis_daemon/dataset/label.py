@@ -10,6 +10,7 @@ from typing import Any
 from ertis_driver.dataset import NONE, DatasetRow
 
 LABELS = ("r35", "r48", "r58", "r70", NONE)
+FOLDER_NAME = "letters, digits, - _ . : it names a folder"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 

@@ -9,11 +9,13 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from ertis_daemon.dataset.journal import Journal
+from ertis_daemon.dataset.label import FOLDER_NAME, is_folder_name
 from ertis_driver.dataset import NONE, Dataset, DatasetRow, write_table
 from ertis_driver.dataset_table import parse_angle_rad, parse_range_m
 from ertis_driver.errors import DatasetError
 
 FIXED_COLUMNS = ("file_name", "sha256")
+_FOLDERS = ("environment", "session")
 _TEXTS = ("label", "environment", "session", "operator", "quality")
 _PARSERS = {
     "range_m": ("range_m", parse_range_m),
@@ -62,6 +64,8 @@ def changed(row: DatasetRow, values: Mapping[str, str]) -> DatasetRow:
                 raise DatasetError(f"{name} {text!r}, expected {error}") from error
         elif name in _TEXTS:
             fields[name] = text.strip()
+            if name in _FOLDERS and not is_folder_name(fields[name]):
+                raise DatasetError(f"{name} {text!r}, expected {FOLDER_NAME}")
         else:
             extra[name] = text
     if fields.get("label") == "":
