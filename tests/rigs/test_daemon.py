@@ -217,6 +217,9 @@ def test_what_is_wrong_with_one_sonar_ends_that_one_only_and_a_reload_heals_it(
     daemon.configure(f"sonars: {{{good}, b: {{queue_size: 0}}}}\n")
     (refused,) = daemon.ask("ertis/a/cmd/reload", ok=False)
     assert "queue_size: 0, expected 1 to 64" in refused["error"]
+    daemon.configure(f"sonars: {{{good}}}\nrecord: {{folder: {bad}/a}}\n")
+    (refused,) = daemon.ask("ertis/a/cmd/reload", ok=False)
+    assert f"record.folder of sonar 'a': {bad} is no folder: name another" in refused["error"]
     starts = daemon.status("a")["starts"]
 
     cables("b").plug()

@@ -70,6 +70,18 @@ def test_each_error_in_a_configuration_is_one_line_and_exit_code_1(tmp_path, cap
     ]
 
 
+@pytest.mark.parametrize("name", ["there", "there/front"])
+def test_a_folder_for_recordings_that_cannot_be_is_refused(tmp_path, capsys, name):
+    (tmp_path / "there").write_text("a file")
+    path = tmp_path / "e.yaml"
+    path.write_text(f"record: {{folder: {tmp_path}/{name}}}\n")
+    assert main(["check-config", str(path)]) == 1
+    said = f"ertis: record.folder of sonar 'ertis': {tmp_path}/there is no folder: name another"
+    assert capsys.readouterr().err.splitlines() == [said]
+    path.write_text(f"record: {{folder: {tmp_path}/new/front}}\n")
+    assert main(["check-config", str(path)]) == 0
+
+
 def test_a_flag_is_checked_like_the_file(capsys):
     assert main(["run", "--device", "a/b"]) == 1
     assert "device.name: 'a/b', expected a Zenoh key chunk" in capsys.readouterr().err

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     from ertis_daemon.config import example_yaml
     from ertis_daemon.events import dump_json
     from ertis_daemon.layers import Sources
-    from ertis_daemon.serving.reload import check_models
+    from ertis_daemon.serving.reload import check_folders, check_models
 
     if not args.file and not args.json:
         print(example_yaml(), end="")
@@ -33,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     sources = Sources(args.file)
     config = sources.load()
     check_models(config.each_sonar())
+    check_folders(config.each_sonar())
     if args.json:
         print(dump_json(config.to_json()).decode())
         return 0

@@ -20,7 +20,7 @@ from ertis_daemon.serving.commands import Commands
 from ertis_daemon.serving.life import SonarLife
 from ertis_daemon.serving.notify import Notifier
 from ertis_daemon.serving.outputs import Output
-from ertis_daemon.serving.reload import WHOLE, ReloadError, check_models, compare
+from ertis_daemon.serving.reload import WHOLE, ReloadError, check_folders, check_models, compare
 from ertis_daemon.status import Status
 from ertis_daemon.turns import Turns
 from ertis_daemon.zenoh_session import Network, any_port, session_config
@@ -233,6 +233,7 @@ class Daemon:
         new = self._sources.load()
         changes = compare(self._config, new)
         check_models((*changes.added, *changes.changed))
+        check_folders((*changes.added, *changes.changed))
         for name in changes.removed:
             life = self._lives.pop(name)
             life.stop()

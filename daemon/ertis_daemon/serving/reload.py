@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,6 +72,31 @@ def check_models(sonars: tuple[SonarConfig, ...]) -> None:
     """
     for sonar in sonars:
         load_detector(sonar)
+
+
+def check_folders(sonars: tuple[SonarConfig, ...]) -> None:
+    """Look whether nothing is in the place of the folders that recordings go to.
+
+    Raises
+    ------
+    ReloadError
+        If something is.
+    """
+    for sonar in sonars:
+        met = _in_the_place_of(Path(sonar.record.folder))
+        if met is not None:
+            raise ReloadError(
+                f"record.folder of sonar {sonar.device.name!r}: {met} is no folder: name another"
+            )
+
+
+def _in_the_place_of(folder: Path) -> Path | None:
+    """What is where a folder, or one that it lies in, should be; None for nothing."""
+    with suppress(OSError):  # what may not be looked at may still be there
+        for path in (folder, *folder.parents):
+            if path.exists():
+                return None if path.is_dir() else path
+    return None
 
 
 def load_detector(sonar: SonarConfig) -> LandmarkDetector | None:
