@@ -62,4 +62,6 @@ def main(size: str, locators: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        raise SystemExit("usage: python dock.py SIZE [LOCATOR]")
     main(sys.argv[1], sys.argv[2:])

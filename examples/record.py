@@ -7,6 +7,7 @@ it, detect in it, train with it.
 import json
 import sys
 import time
+from pathlib import Path
 
 import zenoh
 
@@ -56,8 +57,13 @@ def main(device: str, out: str, seconds: float, locators: list[str]) -> None:
                 continue
             raw = decode_frame(sample.payload.to_bytes())
             writer.write(PdmFrame(raw.words, **json.loads(sample.attachment.to_bytes())))
-        print(f"{writer.pings_written} pings of {device} in {out}")
+    if not writer.pings_written:
+        Path(out).unlink()
+        raise SystemExit(f"no ping of {device} in {seconds:g} s: the daemon needs zenoh.raw: true")
+    print(f"{writer.pings_written} pings of {device} in {out}")
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 4:
+        raise SystemExit("usage: python record.py DEVICE OUT.mcap SECONDS [LOCATOR]")
     main(sys.argv[1], sys.argv[2], float(sys.argv[3]), sys.argv[4:])

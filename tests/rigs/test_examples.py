@@ -30,7 +30,9 @@ def start_example():
 
     def start(name, *arguments):
         command = [sys.executable, str(EXAMPLES / name), *arguments]
-        started.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        started.append(
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        )
         return started[-1]
 
     yield start
@@ -100,3 +102,23 @@ def test_the_recorder_records_what_the_sonar_sent(
     (original,) = read_recording(heard_landmarks)
     assert pings[0].frame.words.tobytes() == original.frame.words.tobytes()
     assert recording.info.source == "sim"
+
+
+def test_the_recorder_says_why_no_ping_came_and_leaves_no_file(
+    start_daemon, open_zenoh, free_locator, start_example, tmp_path
+):
+    locator, out = free_locator(), tmp_path / "copy.mcap"
+    daemon = start_daemon("ping_rate_hz: 5\n", "connect: []", locator)
+    session = open_zenoh(locator)
+    wait_for(lambda: daemon.check() and status_of(session).get("events", 0) >= 2)
+    process = start_example("record.py", "t", str(out), "0.5", locator)
+    assert process.wait(DEADLINE_S) == 1
+    assert process.stderr.read() == "no ping of t in 0.5 s: the daemon needs zenoh.raw: true\n"
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["dock.py", "record.py"])
+def test_without_arguments_an_example_says_what_it_needs(start_example, name):
+    process = start_example(name)
+    assert process.wait(DEADLINE_S) == 1
+    assert process.stderr.read().startswith(f"usage: python {name} ")
