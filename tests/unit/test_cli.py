@@ -133,6 +133,19 @@ def test_the_live_table_shows_what_each_sonar_said_last():
         board.take_event({"device": "c"}, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["--count", "-1"], "--count -1, expected 0 or more"),
+        (["--device", "a*"], "--device 'a*', expected one sonar's name: leave it out for all"),
+        (["--device", ""], "--device '', expected one sonar's name: leave it out for all"),
+    ],
+)
+def test_what_cannot_be_monitored_is_one_clear_line(capsys, argv, said):
+    assert main(["monitor", *argv]) == 1
+    assert capsys.readouterr().err.splitlines() == [f"ertis: {said}"]
+
+
 def test_truth_without_a_scene_is_refused(tmp_path, capsys):
     truth = str(tmp_path / "t.jsonl")
     assert main(["emulate", "--replay", "x.mcap", "--truth", truth]) == 1

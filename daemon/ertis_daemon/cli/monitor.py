@@ -49,7 +49,12 @@ def run(args: argparse.Namespace) -> int:
     """Print until stopped by a signal or ``--count``."""
     from ertis_daemon.cli.monitor_table import LiveTable
     from ertis_daemon.zenoh_session import close_session, open_session, session_config
+    from ertis_driver.errors import SettingsError
 
+    if args.count < 0:
+        raise SettingsError(f"--count {args.count}, expected 0 or more")
+    if args.device != "*":
+        _check_name(args.device)
     connect = args.connect or ["tcp/localhost:7447"]
     with ExitStack() as stack:
         flag = stack.enter_context(stop_on_signals())
@@ -64,6 +69,14 @@ def run(args: argparse.Namespace) -> int:
         statuses = _declare(session, f"ertis/{args.device}/status")
         table = stack.enter_context(LiveTable(statuses.try_recv, ", ".join(connect)))
         return _follow(events, table.show, log, args.count, flag, table.refresh)
+
+
+def _check_name(name: str) -> None:
+    from ertis_daemon.config import check_chunk
+    from ertis_driver.errors import SettingsError
+
+    if check_chunk(name):
+        raise SettingsError(f"--device {name!r}, expected one sonar's name: leave it out for all")
 
 
 def _hint(session: Any, connect: list[str]) -> Callable[[], None]:
