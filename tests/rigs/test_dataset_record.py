@@ -222,6 +222,16 @@ def test_a_table_with_a_mistake_is_refused_not_rewritten(tmp_path, port, record)
     assert table.read_text() == wrong
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_a_run_without_a_ping_leaves_nothing(tmp_path, port, record, known):
+    folder = tmp_path / "new" / "set"
+    if known:
+        folder.mkdir(parents=True)
+    record(folder, tmp_path / "no-port", [], code=(1,))
+    record(folder, port, PLACE[:2])
+    assert list(tmp_path.rglob("*")) == [folder.parent, folder] * known
+
+
 def test_two_at_a_time_are_one_too_many(tmp_path, heard, record):
     folder = tmp_path / "set"
     with Emulator(OneFrame(heard)) as first, Emulator(OneFrame(heard)) as second:

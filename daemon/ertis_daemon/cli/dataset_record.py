@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ertis_daemon.dataset.judge import Judgement
     from ertis_daemon.dataset.session import Tally
+    from ertis_driver.chirp import Chirp
     from ertis_driver.dataset import DatasetRow
 
 EPILOG = """\
@@ -42,21 +44,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask and ping until the answers end."""
-    from ertis_daemon.dataset.dialog import Dialog
     from ertis_daemon.dataset.lock import locked
-    from ertis_daemon.dataset.recorder import DatasetRecorder
-    from ertis_daemon.dataset.session import Session
     from ertis_driver.chirp import DEFAULT_CHIRP, Chirp
-    from ertis_driver.device import Settings
     from ertis_driver.errors import DatasetError
-    from ertis_driver.open import open_device
 
     chirp = Chirp.parse(args.chirp) if args.chirp else DEFAULT_CHIRP
     try:
+        new = [path for path in (args.folder, *args.folder.parents) if not path.exists()]
         args.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DatasetError(f"cannot make {args.folder}: {error.strerror}") from error
-    with locked(args.folder), open_device(args.address, reconnect=True) as sonar:
+    with locked(args.folder):
+        try:
+            return _record(args, chirp)
+        finally:
+            _remove_unused(args.folder, new)
+
+
+def _record(args: argparse.Namespace, chirp: Chirp) -> int:
+    from ertis_daemon.dataset.dialog import Dialog
+    from ertis_daemon.dataset.recorder import DatasetRecorder
+    from ertis_daemon.dataset.session import Session
+    from ertis_driver.device import Settings
+    from ertis_driver.open import open_device
+
+    with open_device(args.address, reconnect=True) as sonar:
         sonar.configure(Settings(chirp))
         recorder = DatasetRecorder(args.folder)
         for line in recorder.resumed:
@@ -68,6 +80,17 @@ def run(args: argparse.Namespace) -> int:
         finally:
             _say(_summary(session.tally, len(recorder.rows), sonar.info.source))
     return 3 if session.tally.doubtful or session.tally.failed else 0
+
+
+def _remove_unused(folder: Path, new: list[Path]) -> None:
+    """Remove the lock, and the folders that are new, where nothing else came to be."""
+    from ertis_daemon.dataset.lock import LOCK
+
+    with suppress(OSError):
+        if [path.name for path in folder.iterdir()] == [LOCK]:
+            (folder / LOCK).unlink()
+            for path in new:
+                path.rmdir()
 
 
 def _ask(prompt: str) -> str | None:
