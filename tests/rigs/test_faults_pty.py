@@ -60,7 +60,7 @@ def port(emulator):
     os.close(fd)
 
 
-@pytest.mark.parametrize("num_faults", [3000, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("num_faults", [1500, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_thousands_of_faults_give_no_wrong_frame_no_uncounted_loss_and_no_hang(num_faults):
     rows, failures = run_campaign(SEED, num_faults)
     print(table(rows))
