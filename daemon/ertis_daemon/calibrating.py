@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from ertis_daemon.drives import false_tracks
 from ertis_daemon.report.detector_data import FLOOR
-from ertis_daemon.training import first_chirp, name_of
+from ertis_daemon.training import check_scenes, first_chirp, name_of
 from ertis_daemon.training_reports import GREATEST_THRESHOLD, Reports, weights_of
 from ertis_daemon.training_rows import TrainingRows, read_rows
 from ertis_detector.calibration import reliability
 from ertis_detector.detection import is_landmark, landmark_mask
-from ertis_detector.fitting import LEAST_FOLDS, folds
+from ertis_detector.fitting import folds
 from ertis_detector.model import (
     TRACKING_PROBABILITY,
     Model,
@@ -146,11 +146,7 @@ def _check(rows: TrainingRows, model: Model) -> None:
             f"{rows.pings} pings with {landmarks} echoes of landmarks and {others} of other "
             f"things, expected {_LEAST_PINGS} pings and {_LEAST_EACH} of each or more: record more"
         )
-    if len(set(rows.groups)) < LEAST_FOLDS:
-        raise RecordingError(
-            f"{len(set(rows.groups))} scenes or sessions, expected {LEAST_FOLDS} or more: what "
-            "one is worth shows in another"
-        )
+    check_scenes(rows)
 
 
 def _logarithms(model: Model, rows: TrainingRows) -> Float:

@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ertis_daemon.pipeline import build_scanner, rounded
+from ertis_daemon.pipeline import detector_of, rounded
 from ertis_daemon.workers import Workers
 from ertis_detector.air import Air
 from ertis_detector.detection import Detection
@@ -21,8 +21,6 @@ from ertis_detector.motion import Motion, PlanarPose
 from ertis_detector.rates import DetectorRates
 from ertis_detector.tracker import Tracker
 from ertis_driver.audio import PdmDecoder, whole_samples
-from ertis_driver.audio_filter import FILTER_VERSION
-from ertis_driver.chirp import Emission
 from ertis_driver.device import Settings
 from ertis_driver.errors import RecordingError
 from ertis_driver.recording import open_recording
@@ -95,7 +93,8 @@ class _Listen:
         chirp = recording.info.chirp
         if chirp is None:
             raise RecordingError(f"{path}: says no chirp, expected {self.model.card.chirp}")
-        settings = Settings(chirp, recording.info.num_words)
+        info = recording.info
+        settings = Settings(chirp, info.num_words, pdm_rate_hz=info.pdm_rate_hz)
         decoder, heard = PdmDecoder(), []
         for number, ping in enumerate(recording):
             if number % _PARTS != part:
@@ -123,14 +122,7 @@ class _Listen:
 
 @lru_cache(maxsize=4)
 def _detector(model: Model, settings: Settings, air: Air) -> LandmarkDetector:
-    chirp: Emission = settings.chirp
-    return LandmarkDetector(
-        model,
-        build_scanner(settings, air),
-        chirp=chirp.name,
-        audio_filter=FILTER_VERSION,
-        min_probability=FOLLOWING_PROBABILITY,
-    )
+    return detector_of(model, settings, air, FOLLOWING_PROBABILITY)
 
 
 def _pose(told: Any) -> PlanarPose | None:

@@ -21,6 +21,7 @@ from ertis_driver.frame import AUDIO_RATE_HZ, DECIMATION, NUM_MICS, PDM_RATE_HZ,
 if TYPE_CHECKING:
     from ertis_daemon.odometry import Odometry
     from ertis_detector.detector import LandmarkDetector
+    from ertis_detector.model import Model
     from ertis_detector.scanner import Scanner
     from ertis_detector.tracker import Tracker
 
@@ -215,15 +216,23 @@ def build_detector(
     DetectorError
         If the model cannot be read or does not fit the chirp.
     """
-    from ertis_detector.detector import LandmarkDetector
     from ertis_detector.model import load_model, shipped_model
+
+    model = load_model(Path(model_path) if model_path else shipped_model(settings.chirp.name))
+    return detector_of(model, settings, air, min_probability)
+
+
+def detector_of(
+    model: Model, settings: Settings, air: Air, min_probability: float = 0.0
+) -> LandmarkDetector:
+    """As ``build_detector``, with a model that is loaded already."""
+    from ertis_detector.detector import LandmarkDetector
     from ertis_driver.audio_filter import FILTER_VERSION
 
-    chirp = settings.chirp.name
     return LandmarkDetector(
-        load_model(Path(model_path) if model_path else shipped_model(chirp)),
+        model,
         build_scanner(settings, air),
-        chirp=chirp,
+        chirp=settings.chirp.name,
         audio_filter=FILTER_VERSION,
         min_probability=min_probability or None,
     )

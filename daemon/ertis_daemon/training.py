@@ -56,7 +56,7 @@ def train(
         rows = read_rows(calibrate, chirp, workers, lambda pings: progress(taught.pings + pings))
         _check_apart(taught, rows)
     _check_kinds(taught)
-    _check_scenes(rows)
+    check_scenes(rows)
     weights, in_sight = weights_of(rows)
     judged = Echoes(rows.features, rows.labels, rows.groups, weights)
     try:
@@ -105,7 +105,8 @@ def _check_kinds(rows: TrainingRows) -> None:
         )
 
 
-def _check_scenes(rows: TrainingRows) -> None:
+def check_scenes(rows: TrainingRows) -> None:
+    """Raise RecordingError if too few are there to learn from some and judge by others."""
     count = len(set(rows.groups))
     if count < LEAST_FOLDS:
         raise RecordingError(

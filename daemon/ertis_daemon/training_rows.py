@@ -158,7 +158,8 @@ def _learn(job: _Job) -> tuple[int, int, list[_Row]]:
     """Pings, those with a landmark in sight, and rows of one job; runs in a worker process."""
     recording = open_recording(job.path)
     assert recording.info.chirp is not None  # looked at before
-    settings = Settings(recording.info.chirp, recording.info.num_words)
+    info = recording.info
+    settings = Settings(recording.info.chirp, info.num_words, pdm_rate_hz=info.pdm_rate_hz)
     decoder, rows = PdmDecoder(), []
     heard = heard_in_sight = 0
     for number, ping in enumerate(recording):

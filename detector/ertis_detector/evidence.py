@@ -140,8 +140,7 @@ class Evidence:
         else:
             self._num_views = n + 1
             self._views[n], self._said[n], self._counts[n] = view, said, 1.0
-            self._alike[n, :n] = self._alike[:n, n] = alike
-            self._alike[n, n] = -1.0  # to itself, less than to any other
+            self._relate(n, alike)
             if self._num_views > MAX_VIEWS:
                 self._join_nearest()
         self._total = self._weights() @ self._said[: self._num_views]
@@ -153,11 +152,9 @@ class Evidence:
             share = np.exp(self._total - self._total[sizes].max()) * sizes
             self._shares = share / share.sum()
 
-    def _compare(self, row: int) -> None:
-        """See anew how alike a view is to the others."""
-        n = self._num_views
-        alike = likeness(self._views[:n], self._views[row], CLASS_LENGTHS)
-        self._alike[row, :n] = self._alike[:n, row] = alike
+    def _relate(self, row: int, alike: Float) -> None:
+        """Note how alike a view is to the first ones; to itself, less than to any of them."""
+        self._alike[row, : alike.size] = self._alike[: alike.size, row] = alike
         self._alike[row, row] = -1.0
 
     def _weights(self) -> Float:
@@ -183,7 +180,7 @@ class Evidence:
             rows[b:-1] = rows[b + 1 :]
         self._num_views -= 1
         self._counts[self._num_views] = 0.0
-        self._compare(a)
+        self._relate(a, likeness(self._views[: self._num_views], self._views[a], CLASS_LENGTHS))
 
 
 def _log_sum(values: Float) -> float:

@@ -23,22 +23,15 @@ class Followed:
         None until it is announced.
     label : str
         Size it was announced with.
-
-    Parameters
-    ----------
-    start : float
-        Probability of a landmark from which on a detection starts a track.
     """
 
-    def __init__(
-        self, detection: Detection, time_ns: int, rates: DetectorRates, start: float
-    ) -> None:
+    def __init__(self, detection: Detection, time_ns: int, rates: DetectorRates) -> None:
         self.track_id: int | None = None
         self.label = ""
         self.heard_ns = time_ns
         self.silence = 0.0  # log-probability of hearing nothing since
         self.reported: Detection | None = None
-        self._rates, self._start = rates, start
+        self._rates = rates
         self._latest = detection
         self.place = Place(Measured(detection))
         self._latest_place = self.place.seen
@@ -53,10 +46,12 @@ class Followed:
         """Let the sensor move."""
         self._view.go_round(self.place.move(motion, is_known=is_known))
 
-    def worth(self, detection: Detection, measured: Measured, field: FieldOfView) -> float:
+    def worth(
+        self, detection: Detection, measured: Measured, field: FieldOfView, starts: bool
+    ) -> float:
         """Log-likelihood ratio of a detection being of this thing against being another's.
 
-        -inf beyond the gate.
+        -inf beyond the gate. What ``starts`` no track may be any echo there is.
         """
         if not self.place.is_near(measured):
             return -math.inf
@@ -64,9 +59,7 @@ class Followed:
         if squared > GATE:
             return -math.inf
         reported = self._detectable()
-        # What would start no track may be any echo there is.
-        sure = detection.landmark_probability >= self._start
-        others = self._rates.false_alarms_per_ping if sure else self._rates.clutter_per_ping
+        others = self._rates.false_alarms_per_ping if starts else self._rates.clutter_per_ping
         density = (others + _NEW_PER_PING) / field.volume
         paid = math.log(reported) - math.log(1.0 - reported)
         return log_density - math.log(density) + paid + self._same_size(detection)

@@ -190,9 +190,16 @@ class Tracker:
         """Give each detection to the thing it is of; what is none's starts one."""
         followed = list(self._followed)
         measured = [(one, Measured(one)) for one in detections]
-        worth = np.array([[one.worth(*d, self._field) for d in measured] for one in followed])
+        least = self._settings.start_probability
+        starts = [one.landmark_probability >= least for one in detections]
+        worth = np.array(
+            [
+                [one.worth(*d, self._field, new) for d, new in zip(measured, starts, strict=True)]
+                for one in followed
+            ]
+        )
         pairs = assign(worth.reshape(len(followed), len(detections)))
-        heard, taken, start = [], set(), self._settings.start_probability
+        heard, taken = [], set()
         for row, column in pairs:
             followed[row].hear(*measured[column], now_ns, self._field)
             heard.append(followed[row])
@@ -200,8 +207,8 @@ class Tracker:
         for row in set(range(len(followed))) - {row for row, _ in pairs}:
             followed[row].miss(self._field)
         for column, detection in enumerate(detections):
-            if column not in taken and detection.landmark_probability >= start:
-                heard.append(Followed(detection, now_ns, self._rates, start))
+            if column not in taken and starts[column]:
+                heard.append(Followed(detection, now_ns, self._rates))
                 self._followed.append(heard[-1])
         return heard
 

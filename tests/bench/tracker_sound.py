@@ -50,6 +50,7 @@ from ertis_driver.chirp import DEFAULT_CHIRP
 from ertis_driver.dataset import METADATA
 from ertis_driver.device import Settings
 from ertis_driver.frame import AUDIO_RATE_HZ, DEFAULT_NUM_WORDS
+from ertis_simulator.drives import PING_RATE_HZ, straight_ahead
 from ertis_simulator.environments import ENVIRONMENTS, draw_place
 from ertis_simulator.paper_dataset import VARIANTS, PlannedPing, build_scene, plan
 from ertis_simulator.path import Path
@@ -58,10 +59,7 @@ from ertis_simulator.scene import Scene
 
 SEED, CALIBRATING_SEED = 20_261_122, 777_001
 PINGS_A_ROOM = 10
-PING_RATE_HZ = 7.0
 STEP_M = 0.2  # between the three pings
-SPEED_M_S = 0.5  # of drives without landmarks
-WALL_GAP_M, MAX_DRIVE_M = 0.8, 4.0
 ASKED = next(name for name in CONDITIONS if name.startswith("tilt"))
 NOTHING = "nothing"
 
@@ -247,20 +245,16 @@ def free_scene(seed: int, number: int) -> tuple[Scene, int, str]:
     rng = np.random.default_rng([seed, number, 2])
     name = list(ENVIRONMENTS)[number % len(ENVIRONMENTS)]
     place = draw_place(ENVIRONMENTS[name], rng)
-    start = stand_sonar(place, rng)
-    length_m = min(place.room.x_m[1] - start.position_m[0] - WALL_GAP_M, MAX_DRIVE_M)
     still = Scene(
         room=place.room,
-        start=start,
+        start=stand_sonar(place, rng),
         clutter=place.clutter,
         air=place.air,
         seed=int(rng.integers(2**31)),
         things=place.things,
         noise=place.noise,
     )
-    step_m = SPEED_M_S / PING_RATE_HZ
-    scene = moving(still, start.yaw_rad, start.yaw_rad, length_m, step_m, 1 / PING_RATE_HZ)
-    return scene, int(length_m / step_m), name
+    return (*straight_ahead(still), name)
 
 
 def moving(

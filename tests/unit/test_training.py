@@ -239,9 +239,10 @@ def refusal(capsys, *args, command="train"):
     return line
 
 
-def blind(path, chirp=DEFAULT_CHIRP):
-    with RecordingWriter(path, RecordingInfo("live", chirp, NUM_WORDS)) as writer:
-        writer.write(PdmFrame(np.zeros(NUM_WORDS, np.uint32), 0, 0))
+def blind(path, chirp=DEFAULT_CHIRP, **info):
+    with RecordingWriter(path, RecordingInfo("live", chirp, NUM_WORDS, **info)) as writer:
+        words = np.zeros(NUM_WORDS, np.uint32)
+        writer.write(PdmFrame(words, 0, 0, pdm_rate_hz=writer.info.pdm_rate_hz))
     return str(path)
 
 
@@ -408,4 +409,16 @@ def test_drives_that_say_nothing_are_refused(recording, driven, taught, tmp_path
     with_ours = ("--model", str(shipped_model(DEFAULT_CHIRP.name)))
     line = refusal(capsys, "--drives", other, *with_ours, *out, command="calibrate")
     assert f"was trained for chirp {DEFAULT_CHIRP.name}" in line
+    slow = blind(tmp_path / "slow.mcap", pdm_rate_hz=1_125_000)
+    line = refusal(capsys, "--drives", slow, *out, command="calibrate")
+    assert "detection needs 4500000" in line
     assert not (tmp_path / "m").exists()
+
+
+def test_what_was_recorded_at_another_clock_teaches_nothing(heard, tmp_path, capsys):
+    path = tmp_path / "slow.mcap"
+    info = RecordingInfo("sim", DEFAULT_CHIRP, NUM_WORDS, pdm_rate_hz=1_125_000)
+    with RecordingWriter(path, info) as writer:
+        writer.write(PdmFrame(heard[0][1], 0, 0, pdm_rate_hz=info.pdm_rate_hz), heard[0][2])
+    line = refusal(capsys, str(path), "-o", str(tmp_path / "m"), "--workers", "1")
+    assert "detection needs 4500000" in line

@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ertis_daemon.labelled import recorded_truth
-from ertis_daemon.pipeline import build_scanner
+from ertis_daemon.pipeline import detector_of
 from ertis_daemon.workers import Workers
 from ertis_detector.air import Air
-from ertis_detector.detector import LandmarkDetector
 from ertis_detector.evaluate import DEFAULT_RATE_HZ, Evaluation, evaluate
 from ertis_detector.matching import JudgedPing, TrueLandmark
 from ertis_detector.model import Model, file_sha256, load_model, shipped_model
 from ertis_driver.audio import PdmDecoder, whole_samples
-from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.dataset import METADATA, Dataset, DatasetRow, open_dataset
 from ertis_driver.device import Settings
 from ertis_driver.errors import RecordingError, SettingsError
@@ -99,15 +97,11 @@ class Judge:
         self, source: Source, info: RecordingInfo, chirp: Emission, ping: RecordedPing
     ) -> JudgedPing:
         landmarks = _truth(source, ping)
-        detector = LandmarkDetector(
+        detector = detector_of(
             model_for(self.model, chirp.name, self._models),
-            build_scanner(
-                Settings(chirp, info.num_words, pdm_rate_hz=info.pdm_rate_hz),
-                Air.measured(ping.temperature_c, ping.humidity_percent),
-            ),
-            chirp=chirp.name,
-            audio_filter=FILTER_VERSION,
-            min_probability=self.min_probability,
+            Settings(chirp, info.num_words, pdm_rate_hz=info.pdm_rate_hz),
+            Air.measured(ping.temperature_c, ping.humidity_percent),
+            self.min_probability,
         )
         audio = self._decoder.decode(whole_samples(ping.frame.words)).audio
         detector.detect(audio)  # a detector just built is cold, one that runs is not
