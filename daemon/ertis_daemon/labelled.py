@@ -1,10 +1,53 @@
-"""Which is believed of a data set's ping: its recording's truth, or its line of the table."""
+"""Labelled recordings: where they are, and whether truth or the table's line is believed."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
-from ertis_driver.dataset import NONE, DatasetRow
+from ertis_driver.dataset import NONE, DatasetRow, open_dataset
+from ertis_driver.errors import SettingsError
+
+
+def recordings_in(paths: Iterable[Path]) -> list[tuple[Path, DatasetRow | None]]:
+    """Recordings, and those of labelled data sets with their lines of the table.
+
+    Raises
+    ------
+    DatasetError
+        If a data set cannot be read.
+    SettingsError
+        As ``each_once``.
+    """
+    files: list[Path] = []
+    rows: dict[Path, DatasetRow | None] = {}
+    for path in paths:
+        if path.is_dir():
+            data = open_dataset(path)
+            found = {data.path(row): row for row in data.rows}
+            files += found
+            rows |= found
+        else:
+            files.append(path)
+    return [(file, rows.get(file)) for file in each_once(files)]
+
+
+def each_once(paths: Iterable[Path]) -> list[Path]:
+    """The same paths.
+
+    Raises
+    ------
+    SettingsError
+        If two of them are of one file: its pings would count twice.
+    """
+    met: dict[Path, Path] = {}
+    for path in paths:
+        file = path.resolve()
+        if file in met:
+            raise SettingsError(f"{path} is given twice, first as {met[file]}: name it once")
+        met[file] = path
+    return list(met.values())
 
 
 def recorded_truth(

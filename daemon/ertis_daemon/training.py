@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ertis_daemon.labelled import recordings_in
 from ertis_daemon.training_reports import Reports, weights_of
-from ertis_daemon.training_rows import TrainingRows, read_rows, recordings_of
+from ertis_daemon.training_rows import TrainingRows, read_rows
 from ertis_detector.detection import NONE, is_landmark
 from ertis_detector.fitting import LEAST_FOLDS, Echoes, fit
 from ertis_detector.model import TRACKING_PROBABILITY, Model, ModelCard, file_sha256
@@ -17,6 +18,7 @@ from ertis_driver.audio_filter import FILTER_VERSION
 from ertis_driver.chirp import Emission
 from ertis_driver.dataset import open_dataset
 from ertis_driver.errors import RecordingError
+from ertis_driver.recording import open_recording
 
 _LEAST_LANDMARKS = 20  # fewer say nothing of an error's law
 
@@ -139,12 +141,13 @@ def _readout(sizes: Collection[str], rows: TrainingRows, reports: Reports, least
 def first_chirp(paths: Sequence[Path]) -> tuple[Emission, str]:
     """The chirp of the first recording, and who made all of them."""
     chirp, sources = None, set()
-    for recording, _ in recordings_of(paths):
-        sources.add(recording.info.source)
+    for path, _ in recordings_in(paths):
+        info = open_recording(path).info
+        sources.add(info.source)
         if chirp is None:
-            chirp = recording.info.chirp
+            chirp = info.chirp
             if chirp is None:
-                raise RecordingError(f"{recording.path}: says no chirp, expected one to train for")
+                raise RecordingError(f"{path}: says no chirp, expected one to train for")
     if chirp is None:
         raise RecordingError(f"no recording in {', '.join(map(str, paths))}: nothing to learn from")
     return chirp, "+".join(sorted(sources))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ertis_daemon.labelled import recorded_truth
+from ertis_daemon.labelled import recorded_truth, recordings_in
 from ertis_daemon.pipeline import build_scanner, rounded
 from ertis_daemon.workers import Workers
 from ertis_detector.air import Air
@@ -21,10 +21,10 @@ from ertis_detector.features import NUM_FEATURES
 from ertis_detector.labelling import match_candidates
 from ertis_driver.audio import PdmDecoder, whole_samples
 from ertis_driver.chirp import Emission
-from ertis_driver.dataset import METADATA, DatasetRow, open_dataset
+from ertis_driver.dataset import METADATA, DatasetRow
 from ertis_driver.device import Settings
 from ertis_driver.errors import RecordingError
-from ertis_driver.recording import Recording, open_recording
+from ertis_driver.recording import open_recording
 
 if TYPE_CHECKING:
     from ertis_detector.scanner import Scanner
@@ -109,6 +109,8 @@ def read_rows(
     ------
     RecordingError, DatasetError
         If one has no truth or another chirp, or cannot be read.
+    SettingsError
+        If one is named twice: its pings would count twice.
     """
     rows: list[_Row] = []
     pings = pings_in_sight = 0
@@ -131,27 +133,16 @@ def read_rows(
     )
 
 
-def recordings_of(paths: Iterable[Path]) -> Iterator[tuple[Recording, DatasetRow | None]]:
-    """Open recordings, and those of labelled data sets with their lines of the table."""
-    for path in paths:
-        if path.is_dir():
-            data = open_dataset(path)
-            for row in data.rows:
-                yield open_recording(data.path(row)), row
-        else:
-            yield open_recording(path), None
-
-
 def _jobs(paths: Sequence[Path], chirp: Emission) -> Iterator[_Job]:
-    for recording, row in recordings_of(paths):
-        met = recording.info.chirp
+    for path, row in recordings_in(paths):
+        met = open_recording(path).info.chirp
         if met is None or met.name != chirp.name:
             raise RecordingError(
-                f"{recording.path}: chirp {met.name if met else 'not said'}, expected {chirp.name} "
+                f"{path}: chirp {met.name if met else 'not said'}, expected {chirp.name} "
                 "as in the first: train one model a chirp"
             )
         for part in range(_PARTS if row is None else 1):
-            yield _Job(recording.path, part, row, chirp.name)
+            yield _Job(path, part, row, chirp.name)
 
 
 def _learn(job: _Job) -> tuple[int, int, list[_Row]]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+
+WALL_GAP_M = 0.3  # what rolls to and fro turns back so near to a wall
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,3 +57,20 @@ class Path:
         """How far it is from its first waypoint at a time, shape (3,)."""
         x, y, _ = self.at(time_s)
         return np.array([x - self.points_m[0][0], y - self.points_m[0][1], 0.0])
+
+
+def to_and_fro(start: float, way: float, walls: tuple[float, float]) -> float:
+    """Where on an axis something is that has come ``way`` from ``start``, m.
+
+    It turns back ``WALL_GAP_M`` before each wall, or where it started if that is nearer to one.
+    """
+    low, high = min(walls[0] + WALL_GAP_M, start), max(walls[1] - WALL_GAP_M, start)
+    if low <= start + way <= high:
+        return start + way
+    if math.isinf(high - low):  # one wall: no way back from the other side
+        return high - abs(start + way - high) if math.isinf(low) else low + abs(start + way - low)
+    width = high - low
+    if not width:
+        return start
+    place = (start + way - low) % (2 * width)
+    return low + min(place, 2 * width - place)

@@ -25,7 +25,7 @@ from ertis_simulator.microphone import (
 )
 from ertis_simulator.noise_sources import NoiseSource, add_sources
 from ertis_simulator.objects import DishObject, Thing, stand_for
-from ertis_simulator.path import Path, Pose
+from ertis_simulator.path import Path, Pose, to_and_fro
 from ertis_simulator.propagation import add_echoes, add_trains, render
 from ertis_simulator.room import Room
 from ertis_simulator.sensor_response import SensorResponse, shipped_response
@@ -50,7 +50,8 @@ class Scene:
     stands : bool
         Landmarks stand on rods.
     velocity_m_s, yaw_rate_rad_s
-        Of the sonar; ping ``n`` is heard ``n * ping_period_s`` after the start.
+        Of the sonar; ping ``n`` is heard ``n * ping_period_s`` after the start. Before a wall it
+        rolls back, its heading as before.
     path : Path or None
         Of the sonar, in place of start, velocity and turn; its height is that of the start.
     dead_mics : microphones whose bit is stuck
@@ -85,7 +86,11 @@ class Scene:
             along_x, along_y, yaw = self.path.at(t)
             return Pose((along_x, along_y, z), yaw)
         return Pose(
-            (x + self.velocity_m_s[0] * t, y + self.velocity_m_s[1] * t, z),
+            (
+                to_and_fro(x, self.velocity_m_s[0] * t, self.room.x_m),
+                to_and_fro(y, self.velocity_m_s[1] * t, self.room.y_m),
+                z,
+            ),
             self.start.yaw_rad + self.yaw_rate_rad_s * t,
         )
 

@@ -319,12 +319,17 @@ def test_the_table_is_believed_unless_the_recording_knows_more(
     assert told["conditions"]["can be heard"]["located"]["trials"] == asked
 
 
-def test_data_named_twice_is_refused_not_counted_twice(recording, dataset, capsys):
-    for data in (recording, dataset):
-        again = data.parent / "x" / ".." / data.name
-        (data.parent / "x").mkdir()
-        assert main(["evaluate", str(data), str(again)]) == 1
-        assert f"{again} is given twice, first as {data}: name it once" in error_of(capsys)
+def test_data_named_twice_is_refused_not_counted_twice(recording, dataset, tmp_path, capsys):
+    in_it = next(dataset.rglob("*.mcap"))
+    for command in (["evaluate"], ["train", "-o", str(tmp_path / "m")]):
+        for data, file in ((recording, recording), (dataset, in_it)):
+            again = data.parent / "x" / ".." / data.name
+            (data.parent / "x").mkdir(exist_ok=True)
+            for twice in ((data, data), (data, again), (data, file)):
+                assert main([*command, *map(str, twice)]) == 1
+                assert "is given twice, first as" in error_of(capsys)
+        assert main([*command, str(dataset), str(in_it)]) == 1
+        assert f"{in_it} is given twice, first as {in_it}: name it once" in error_of(capsys)
 
 
 @pytest.mark.parametrize("dishes", [(), (DISH,)])

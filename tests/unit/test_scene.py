@@ -107,6 +107,18 @@ def test_the_sonar_follows_its_path():
     assert told(made, 2)["range_m"] == pytest.approx(np.hypot(1.0, 0.5), abs=1e-4)
 
 
+def test_a_sonar_that_rolls_on_for_long_turns_back_before_the_walls():
+    hall = Room((-1.0, 2.3), (-np.inf, np.inf))
+    moving = Scene(hall, START, velocity_m_s=(1.0, 0.1), ping_period_s=0.5)
+    along = [moving.pose(n).position_m[0] for n in (0, 2, 4, 5, 8, 9, 11, 1000)]
+    assert along == pytest.approx([0.0, 1.0, 2.0, 1.5, 0.0, -0.5, 0.1, 0.8])
+    assert moving.pose(1000).position_m[1] == pytest.approx(50.0)  # nothing is in its way there
+    beside = Scene(hall, Pose((-0.9, 0.0, 0.6), 0.0), velocity_m_s=(1.0, 0.0), ping_period_s=0.5)
+    assert beside.pose(2 * 58).position_m[0] == pytest.approx(-0.9)  # where it came from
+    one_wall = Scene(Room((-np.inf, 2.3), (-1, 1)), START, velocity_m_s=(1, 0), ping_period_s=0.5)
+    assert one_wall.pose(10).position_m[0] == pytest.approx(-1.0)
+
+
 def test_dead_microphones_are_stuck_and_the_others_are_not():
     words = scene(dead_mics=(0, 17, 31)).hear(0, NUM_WORDS, CHIRP)
     changing = np.bitwise_or.reduce(words) & ~np.bitwise_and.reduce(words)

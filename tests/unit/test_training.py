@@ -405,6 +405,9 @@ def test_drives_that_say_nothing_are_refused(recording, driven, taught, tmp_path
     assert "taught.mcap: ping 0 has a landmark in it, expected drives without any" in line
     line = refusal(capsys, "--drives", str(driven), *out, command="calibrate")
     assert "expected 40: drive for longer" in line
+    twice = (str(recording), "--drives", str(driven), str(driven))
+    line = refusal(capsys, *twice, *out, command="calibrate")
+    assert f"{driven} is given twice, first as {driven}: name it once" in line
     other = blind(tmp_path / "other.mcap", INCUMBENT_CHIRP)
     with_ours = ("--model", str(shipped_model(DEFAULT_CHIRP.name)))
     line = refusal(capsys, "--drives", other, *with_ours, *out, command="calibrate")

@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     """Calibrate, save, and say what it won."""
     from ertis_daemon.calibrating import calibrate, calibrate_tracker
     from ertis_daemon.cli.train import save, show_pings
+    from ertis_daemon.labelled import each_once
     from ertis_daemon.training import first_chirp
     from ertis_detector.false_tracks import FalseTracks
     from ertis_detector.model import load_model, shipped_model
@@ -47,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
         raise SettingsError("nothing to calibrate with: name labelled recordings, or --drives")
     check_workers(args.workers)
     check_output(args.output)
+    each_once(args.drives)
     told: dict[str, float] = {}
     if args.recordings:
         made = calibrate(args.recordings, args.model, args.workers, show_pings)

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ertis_daemon.labelled import recorded_truth
+from ertis_daemon.labelled import recorded_truth, recordings_in
 from ertis_daemon.pipeline import detector_of
 from ertis_daemon.workers import Workers
 from ertis_detector.air import Air
@@ -18,9 +18,9 @@ from ertis_detector.evaluate import DEFAULT_RATE_HZ, Evaluation, evaluate
 from ertis_detector.matching import JudgedPing, TrueLandmark
 from ertis_detector.model import Model, file_sha256, load_model, shipped_model
 from ertis_driver.audio import PdmDecoder, whole_samples
-from ertis_driver.dataset import METADATA, Dataset, DatasetRow, open_dataset
+from ertis_driver.dataset import METADATA, DatasetRow, open_dataset
 from ertis_driver.device import Settings
-from ertis_driver.errors import RecordingError, SettingsError
+from ertis_driver.errors import RecordingError
 from ertis_driver.recording import RecordedPing, RecordingInfo, open_recording
 
 if TYPE_CHECKING:
@@ -191,28 +191,19 @@ def judge(
 
 
 def _sources(paths: Sequence[Path]) -> tuple[list[Source], list[tuple[str, str]]]:
-    sources: list[Source] = []
-    data = []
-    seen: dict[Path, Path] = {}
-    for path in paths:
-        first = seen.setdefault(path.resolve(), path)
-        if first is not path:
-            raise SettingsError(f"{path} is given twice, first as {first}: name it once")
-        if path.is_dir():
-            dataset = open_dataset(path)
-            sources += _rows(dataset)
-            data.append((str(path), f"manifest {dataset.manifest_hash}"))
-        else:
-            open_recording(path)
-            sources.append(Source(path))
-            data.append((str(path), f"sha256 {file_sha256(path)}"))
-    return sources, data
+    sources = [Source(file, row) for file, row in recordings_in(paths)]
+    return sources, [(str(path), _digest(path)) for path in paths]
 
 
-def _rows(dataset: Dataset) -> list[Source]:
+def _digest(path: Path) -> str:
+    """What names a data set or a recording by all that is in it."""
+    if not path.is_dir():
+        open_recording(path)
+        return f"sha256 {file_sha256(path)}"
+    dataset = open_dataset(path)
     if not dataset.rows:
         raise RecordingError(f"{dataset.folder / METADATA} has no row: record something first")
-    return [Source(dataset.path(row), row) for row in dataset.rows]
+    return f"manifest {dataset.manifest_hash}"
 
 
 def _group(source: Source, ping: RecordedPing) -> str:
