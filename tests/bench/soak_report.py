@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,12 @@ def summarize(about: dict, samples: list[dict]) -> str:
     published, reader, trigger = _latencies(told)
     pings = last["pings_heard"] - first["pings_heard"]
     took_s = last["t_s"] - first["t_s"]
-    user_s, system_s, busy_s = (last[k] - first[k] for k in ("user_s", "system_s", "busy_s"))
+    user_s, system_s, busy_s, stolen_s = (
+        last[key] - first[key] for key in ("user_s", "system_s", "busy_s", "stolen_s")
+    )
+    calm = _undisturbed(told)
+    calm_s = sum(now["t_s"] - before["t_s"] for before, now in calm)
+    calm_core = sum(_used_s(now) - _used_s(before) for before, now in calm) / max(calm_s, 1e-9)
     core = (user_s + system_s) / took_s
     floor, is_paced = about["floor"], bool(about["rate_hz"])
     latest = f"p99 <= {LATENCY_MS:g}" * is_paced
@@ -29,11 +35,18 @@ def summarize(about: dict, samples: list[dict]) -> str:
         f"{len(reader)} events read; lost "
         f"{last['pings_lost']}, dropped {last['queue_drops']}, failed {last['pings_failed']}, "
         f"timeouts {last['timeouts']}",
-        f"all processes of the machine together: {busy_s / took_s:.2f} cores in the mean",
+        f"all processes of the machine together: {busy_s / took_s:.2f} cores in the mean; its host "
+        f"took away {stolen_s / took_s:.2f} more, and none in {100 * calm_s / took_s:.0f} % of "
+        "the seconds",
         *(() if is_paced else ("as fast as it goes, a ping waits for those before it",)),
         ROW.format("", "seen", "asked"),
         ROW.format("last byte to publication, ms", percentiles(published), ""),
         ROW.format("last byte to reader, ms", percentiles(reader), latest),
+        ROW.format(
+            "  in seconds that nothing was taken from",
+            percentiles(_latencies([now for _, now in calm])[1]),
+            "",
+        ),
         ROW.format("trigger to reader, ms", percentiles(trigger), ""),
         ROW.format(
             f"last byte to reader within {LATENCY_MS:g} ms",
@@ -46,6 +59,7 @@ def summarize(about: dict, samples: list[dict]) -> str:
             "a ping)",
             f"<= {CORE:g}" * is_paced,
         ),
+        ROW.format("  in seconds that nothing was taken from", f"{calm_core:.2f}", ""),
         ROW.format(
             "  a bare reader of the same bytes, ms a ping",
             f"{floor['user_ms']:.1f} user + {floor['system_ms']:.1f} system",
@@ -66,6 +80,15 @@ def summarize(about: dict, samples: list[dict]) -> str:
             )
         )
     return "\n".join(lines)
+
+
+def _undisturbed(told: list[dict]) -> list[tuple[dict, dict]]:
+    """A sample and that before it, where the machine's host took no processor time between."""
+    return [both for both in pairwise(told) if both[0]["stolen_s"] == both[1]["stolen_s"]]
+
+
+def _used_s(sample: dict) -> float:
+    return sample["user_s"] + sample["system_s"]
 
 
 def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -109,7 +132,7 @@ def draw(about: dict, samples: list[dict], path: Path) -> None:
         axes[0, 1].axvline(LATENCY_MS, color="tab:red", ls="--", lw=1, label="p99 asked for")
     for axis in axes[0]:
         axis.legend(fontsize="small")
-    cpu = np.array([one["user_s"] + one["system_s"] for one in told])
+    cpu = np.array([_used_s(one) for one in told])
     axes[1, 0].plot(minutes[1:], np.diff(cpu) / np.diff(60 * minutes), lw=0.8)
     if about["rate_hz"]:
         axes[1, 0].axhline(CORE, color="tab:red", ls="--", lw=1)
