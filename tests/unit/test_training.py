@@ -7,6 +7,7 @@ import io
 import itertools
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -261,8 +262,11 @@ def test_a_model_that_cannot_be_written_is_said_before_the_work(tmp_path, capsys
 
 
 def test_nothing_is_calibrated_on_what_was_learnt(recording, tmp_path, capsys):
-    both = str(recording)
-    line = refusal(capsys, both, "--calibrate", both, "-o", str(tmp_path / "m"))
+    same, model = str(recording), str(tmp_path / "m")
+    line = refusal(capsys, same, "--calibrate", same, "-o", model)
+    assert f"{same} is given twice" in line
+    copy = shutil.copy(recording, tmp_path / "copy.mcap")
+    line = refusal(capsys, same, "--calibrate", str(copy), "-o", model)
     assert "scenes or sessions are there to learn from and to be calibrated on" in line
     assert "expected others" in line
 
@@ -276,8 +280,6 @@ def test_two_chirps_make_no_model(recording, tmp_path, capsys, as_what):
 
 
 def test_a_label_without_a_range_is_named(dataset, tmp_path, capsys):
-    import shutil
-
     folder = tmp_path / "copy"
     shutil.copytree(dataset, folder)
     table = folder / "metadata.csv"
