@@ -30,7 +30,7 @@ $(STAMP): pyproject.toml
 run: setup
 	@$(ERTIS) demo
 
-# What no clock matters to on every core; the rigs after it, one at a time.
+# Rigs keep to a clock: they run after the other tests, one at a time.
 test: setup
 	$(VENV)/bin/python -m pytest -q -n logical --dist loadfile --ignore tests/rigs
 	$(VENV)/bin/python -m pytest -q tests/rigs
